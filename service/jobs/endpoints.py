@@ -1,6 +1,7 @@
 """The addresses under /jobs."""
 
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, UploadFile
@@ -9,15 +10,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.collections.dependencies import InCollection, address
-from service.dependencies import Service
 from service.errors import BusyError
 from service.http.middleware import client_of
 from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
-from service.jobs import events, service
-from service.jobs.records import NewJob, Outcome
+from service.jobs import events
 from service.jobs.runner import Runner
-from service.jobs.schemas import Job, JobFilePage, JobPage
+from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
 from service.shapes.fields import base_name
 from service.shapes.listing import read_cursor
@@ -39,12 +38,12 @@ def _runner(request: Request) -> Runner:
     return runner
 
 
-Jobs = Annotated[Runner, Depends(_runner)]
+InRunner = Annotated[Runner, Depends(_runner)]
 
 
-async def _receiving(request: Request, jobs: Jobs, _collection: InCollection) -> AsyncIterator[None]:
+async def _receiving(request: Request, runner: InRunner, _collection: InCollection) -> AsyncIterator[None]:
     # The collection comes first: without a right to it there is no place among the archives received.
-    with jobs.arriving(client_of(request.scope)):
+    with runner.arriving(client_of(request.scope)):
         yield
 
 
@@ -85,8 +84,7 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
 )
 async def create_job(
     response: Response,
-    container: Service,
-    jobs: Jobs,
+    runner: InRunner,
     collection: InCollection,
     upload: Annotated[ArchiveUpload, Depends(ARCHIVE, scope="function")],
 ) -> Job:
@@ -95,19 +93,15 @@ async def create_job(
     A shape has the name of its file, without the folders. A file that cannot be stored is refused with a
     cause, and the job goes on with the others. The job survives a restart of the service.
     """
-    file, most = upload.file, container.settings.max_jobs
+    file = upload.file
     await run_in_threadpool(check_zip, file.file)
-    new = NewJob(
-        collection=collection.number,
-        archive=shown(base_name(file.filename or ""))[:ARCHIVE_CHARACTERS],
-        size=file.size or 0,
-        tags=tuple(upload.tags),
-        metadata=upload.metadata,
+    archive = shown(base_name(file.filename or ""))[:ARCHIVE_CHARACTERS]
+    job = await run_in_threadpool(
+        runner.jobs.receive, file.file, collection.number, archive, upload.tags, upload.metadata
     )
-    job = await run_in_threadpool(service.receive, container.database, jobs.folder, file.file, new, most)
-    jobs.look()
+    runner.look()
     response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
-    return await run_in_threadpool(events.read, container.database, collection.number, job.id)
+    return job
 
 
 @router.get(
@@ -117,18 +111,16 @@ async def create_job(
     dependencies=[once("cursor", "limit")],
 )
 def list_jobs(
-    container: Service, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
+    runner: InRunner, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
 ) -> JobPage:
     """Return the unfinished jobs, and those that ended in the last days, the latest first."""
-    before = read_cursor(cursor)
-    with container.database.read() as session:
-        return JobPage.of(service.list_page(session, collection.number, before=before, limit=limit))
+    return runner.jobs.page(collection.number, before=read_cursor(cursor), limit=limit)
 
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
-def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job:
+def read_job(job_id: JobId, runner: InRunner, collection: InCollection) -> Job:
     """Return the progress of a job, and the time that it still needs."""
-    return events.read(container.database, collection.number, job_id)
+    return runner.jobs.read(collection.number, job_id)
 
 
 @router.get(
@@ -139,17 +131,14 @@ def read_job(job_id: JobId, container: Service, collection: InCollection) -> Job
 )
 def list_job_files(
     job_id: JobId,
-    container: Service,
+    runner: InRunner,
     collection: InCollection,
     outcome: Annotated[Outcome | None, Query(description="Only files with this outcome.")] = None,
     cursor: Cursor = None,
     limit: Limit = 50,
 ) -> JobFilePage:
     """Return the outcome of each file of the archive, in its order; none until the job begins."""
-    start = read_cursor(cursor)
-    with container.database.read() as session:
-        job = service.get(session, collection.number, job_id)
-        return JobFilePage.of(service.list_files(session, job, outcome, start=start, limit=limit), job)
+    return runner.jobs.files(collection.number, job_id, outcome, start=read_cursor(cursor), limit=limit)
 
 
 @router.get(
@@ -169,19 +158,18 @@ def list_job_files(
         **documented("job-not-found", "busy", *READ_PROBLEMS),
     },
 )
-async def follow_job(
-    job_id: JobId, request: Request, container: Service, jobs: Jobs, collection: InCollection
-) -> Response:
+async def follow_job(job_id: JobId, request: Request, runner: InRunner, collection: InCollection) -> Response:
     """Stream the progress of a job for `EventSource`; the stream ends with the job."""
-    job = await run_in_threadpool(events.read, container.database, collection.number, job_id)
+    read = partial(runner.jobs.read, collection.number, job_id)
+    job = await run_in_threadpool(read)
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == events.name_of(job):
         return Response(status_code=204)
-    if len(jobs.followers) >= events.FOLLOWERS:
+    if len(runner.followers) >= events.FOLLOWERS:
         raise BusyError(f"{events.FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
     ending: Callable[[], bool] = request.scope.get(events.ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        events.events(container.database, collection.number, job, jobs.followers, ending, last),
+        events.events(read, job, runner.followers, ending, last),
         media_type=events.MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
@@ -192,11 +180,11 @@ async def follow_job(
     summary="Cancel a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> Job:
+async def cancel_job(job_id: JobId, runner: InRunner, collection: InCollection) -> Job:
     """Stop the job. Stored shapes stay; a job that has ended does not change."""
-    await run_in_threadpool(service.cancel, container.database, jobs.folder, collection.number, job_id)
-    jobs.look()
-    return await run_in_threadpool(events.read, container.database, collection.number, job_id)
+    await run_in_threadpool(runner.jobs.cancel, collection.number, job_id)
+    runner.look()
+    return await run_in_threadpool(runner.jobs.read, collection.number, job_id)
 
 
 @router.delete(
@@ -205,7 +193,7 @@ async def cancel_job(job_id: JobId, container: Service, jobs: Jobs, collection: 
     summary="Delete a job",
     responses=documented("job-not-found", *WRITE_PROBLEMS),
 )
-async def delete_job(job_id: JobId, container: Service, jobs: Jobs, collection: InCollection) -> None:
+async def delete_job(job_id: JobId, runner: InRunner, collection: InCollection) -> None:
     """Cancel the job, unless it has ended, and delete its record. Stored shapes stay."""
-    await run_in_threadpool(service.remove, container.database, jobs.folder, collection.number, job_id)
-    jobs.look()
+    await run_in_threadpool(runner.jobs.cancel, collection.number, job_id, forget=True)
+    runner.look()

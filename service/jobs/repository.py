@@ -1,49 +1,45 @@
 """The SQL of jobs."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime, timedelta
+from typing import Any
 
-from sqlalchemy import delete, func, insert, or_, select, update
+from sqlalchemy import delete, func, or_, select, update
 
 from service.collection import CollectionNumber
-from service.jobs.records import ACTIVE, FailureCause, FileRecord, JobRecord, NewJob, Outcome, State
+from service.jobs.schemas import Outcome, State
+from service.jobs.zip_archive import ArchiveMember, MemberFault, shown
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import JobFileRow, JobRow
 
 # A lease that ends later was written before the clock was set back. Slow processes write late leases.
 LONGEST_LEASE = timedelta(minutes=10)
+DETAIL_CHARACTERS = 1000
+_ACTIVE = JobRow.state.in_(("waiting", "running"))
 
 
-def add(session: WriteSession, job_id: str, new: NewJob, now: datetime) -> JobRecord:
+def add(
+    session: WriteSession, job_id: str, collection: CollectionNumber, values: Mapping[str, Any], now: datetime
+) -> JobRow:
     """Add a job, which waits for its turn."""
-    row = JobRow(
-        id=job_id,
-        collection_number=new.collection,
-        state="waiting",
-        archive=new.archive,
-        size=new.size,
-        tags=list(new.tags),
-        meta=dict(new.metadata),
-        created_at=now,
-    )
+    row = JobRow(id=job_id, collection_number=collection, state="waiting", created_at=now, **values)
     session.add(row)
     session.flush()
-    return _record(row)
+    return row
 
 
-def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord | None:
+def by_id(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRow | None:
     """Return the job of a collection with an id."""
     query = select(JobRow).where(JobRow.collection_number == collection, JobRow.id == job_id)
-    row = session.scalars(query).one_or_none()
-    return None if row is None else _record(row)
+    return session.scalars(query).one_or_none()
 
 
-def page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> list[JobRecord]:
+def page(session: ReadSession, collection: CollectionNumber, *, before: int, limit: int) -> Sequence[JobRow]:
     """Return the next jobs of a collection before the job with a number, the latest first; 0 is no bound."""
     query = select(JobRow).where(JobRow.collection_number == collection)
     if before:
         query = query.where(JobRow.number < before)
-    return [_record(row) for row in session.scalars(query.order_by(JobRow.number.desc()).limit(limit))]
+    return session.scalars(query.order_by(JobRow.number.desc()).limit(limit)).all()
 
 
 def count(session: ReadSession, collection: CollectionNumber) -> int:
@@ -53,122 +49,101 @@ def count(session: ReadSession, collection: CollectionNumber) -> int:
 
 def active_ids(session: ReadSession) -> set[str]:
     """Return the ids of the unfinished jobs."""
-    return set(session.scalars(select(JobRow.id).where(JobRow.state.in_(ACTIVE))))
+    return set(session.scalars(select(JobRow.id).where(_ACTIVE)))
 
 
-def counts(session: ReadSession, number: int) -> dict[Outcome | None, int]:
-    """Return the numbers of a job's members by outcome."""
+def counts(session: ReadSession, number: int) -> dict[str | None, int]:
+    """Return the numbers of a job's members by outcome; those without one under None."""
     query = select(JobFileRow.outcome, func.count()).where(JobFileRow.job_number == number)
-    rows = session.execute(query.group_by(JobFileRow.outcome)).all()
-    return {outcome: many for outcome, many in rows}  # type: ignore[misc]  # noqa: C416
+    return {outcome: many for outcome, many in session.execute(query.group_by(JobFileRow.outcome))}  # noqa: C416
 
 
 def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) -> list[datetime]:
     """Return the latest times at which members were processed, in descending order."""
-    query = (
-        select(JobFileRow.ended_at)
-        .where(JobFileRow.job_number == number, JobFileRow.ended_at > after)
-        .order_by(JobFileRow.ended_at.desc())
-        .limit(limit)
-    )
-    return [ended for ended in session.scalars(query) if ended is not None]
+    query = select(JobFileRow.ended_at).where(JobFileRow.job_number == number, JobFileRow.ended_at > after)
+    ends = session.scalars(query.order_by(JobFileRow.ended_at.desc()).limit(limit))
+    return [end for end in ends if end is not None]
 
 
 def files(
     session: ReadSession, number: int, outcome: Outcome | None, *, start: int, limit: int
-) -> list[FileRecord]:
+) -> Sequence[JobFileRow]:
     """Return the next members of a job from a position on, with one outcome or with any."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.position >= start)
     if outcome is not None:
         query = query.where(JobFileRow.outcome == outcome)
-    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position).limit(limit))]
+    return session.scalars(query.order_by(JobFileRow.position).limit(limit)).all()
 
 
-def without_outcome(session: ReadSession, number: int) -> list[FileRecord]:
+def without_outcome(session: ReadSession, number: int) -> Sequence[JobFileRow]:
     """Return the members of a job that have not been processed."""
     query = select(JobFileRow).where(JobFileRow.job_number == number, JobFileRow.outcome.is_(None))
-    return [_file(row) for row in session.scalars(query.order_by(JobFileRow.position))]
+    return session.scalars(query.order_by(JobFileRow.position)).all()
 
 
-def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRecord | None:
+def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRow | None:
     """Take over the oldest job that no living service runs; return None if there is none."""
     is_over = or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
     free = or_(JobRow.leased_until.is_(None), is_over, JobRow.runner == runner)
-    query = select(JobRow).where(JobRow.state.in_(ACTIVE), free).order_by(JobRow.number).limit(1)
-    row = session.scalars(query).one_or_none()
-    if row is None:
-        return None
-    row.runner, row.leased_until = runner, until
-    session.flush()
-    return _record(row)
+    row = session.scalars(select(JobRow).where(_ACTIVE, free).order_by(JobRow.number).limit(1)).one_or_none()
+    if row is not None:
+        row.runner, row.leased_until = runner, until
+    return row
 
 
 def renew(session: WriteSession, number: int, runner: str, until: datetime) -> bool:
     """Renew the lease of a job; return whether this service still runs it."""
-    lease = update(JobRow).where(JobRow.number == number, JobRow.runner == runner, JobRow.state.in_(ACTIVE))
+    lease = update(JobRow).where(JobRow.number == number, JobRow.runner == runner, _ACTIVE)
     renewed = session.execute(lease.values(leased_until=until).returning(JobRow.number))
     return renewed.one_or_none() is not None
 
 
 def release(session: WriteSession, runner: str) -> None:
     """Release the jobs of this service to other services."""
-    conditions = JobRow.runner == runner, JobRow.state.in_(ACTIVE)
-    session.execute(update(JobRow).where(*conditions).values(runner=None, leased_until=None))
+    session.execute(
+        update(JobRow).where(JobRow.runner == runner, _ACTIVE).values(runner=None, leased_until=None)
+    )
 
 
-def begin(session: WriteSession, number: int, members: Iterable[FileRecord], now: datetime) -> None:
-    """Write the members of a waiting job and start it; nothing happens if it no longer waits."""
+def begin(session: WriteSession, number: int, members: Iterable[ArchiveMember], now: datetime) -> None:
+    """Write the members of a waiting job and start it; nothing happens if it is not waiting."""
     waiting = update(JobRow).where(JobRow.number == number, JobRow.state == "waiting")
     begun = session.execute(waiting.values(state="running", started_at=now).returning(JobRow.number))
     if begun.one_or_none() is None:
         return
-    rows = [
-        {
-            "job_number": number,
-            "position": member.position,
-            "path": member.path,
-            "name": member.name,
-            "outcome": member.outcome,
-            "ended_at": None if member.outcome is None else now,
-            **_cause_values(member.cause),
-        }
-        for member in members
-    ]
-    if rows:
-        session.execute(insert(JobFileRow), rows)
+    for position, member in enumerate(members):
+        refusal = (
+            {} if member.fault is None else {"outcome": "refused", "ended_at": now, **_cause(member.fault)}
+        )
+        key = {"job_number": number, "position": position, "path": member.path, "name": member.name}
+        session.add(JobFileRow(**key, **refusal))
 
 
 def settle(
-    session: WriteSession,
-    number: int,
-    position: int,
-    outcome: Outcome,
-    now: datetime,
-    *,
-    shape_id: str | None = None,
-    cause: FailureCause | None = None,
+    session: WriteSession, file: JobFileRow, values: Mapping[str, Any], fault: MemberFault | None
 ) -> bool:
     """Write the outcome of a member; return whether the job still runs and the member had none."""
-    if session.scalar(select(JobRow.state).where(JobRow.number == number)) != "running":
+    if session.scalar(select(JobRow.state).where(JobRow.number == file.job_number)) != "running":
         return False
-    done = session.execute(
+    key = JobFileRow.job_number == file.job_number, JobFileRow.position == file.position
+    settled = session.execute(
         update(JobFileRow)
-        .where(JobFileRow.job_number == number, JobFileRow.position == position, JobFileRow.outcome.is_(None))
-        .values(outcome=outcome, shape_id=shape_id, ended_at=now, **_cause_values(cause))
+        .where(*key, JobFileRow.outcome.is_(None))
+        .values(**values, **_cause(fault))
         .returning(JobFileRow.position)
     )
-    return done.one_or_none() is not None
+    return settled.one_or_none() is not None
 
 
-def end(session: WriteSession, number: int, state: State, cause: FailureCause | None, now: datetime) -> None:
+def end(session: WriteSession, number: int, state: State, fault: MemberFault | None, now: datetime) -> None:
     """End a job, unless it has ended."""
-    ended = {"state": state, "ended_at": now, "runner": None, "leased_until": None, **_cause_values(cause)}
-    session.execute(update(JobRow).where(JobRow.number == number, JobRow.state.in_(ACTIVE)).values(ended))
+    ended = {"state": state, "ended_at": now, "runner": None, "leased_until": None, **_cause(fault)}
+    session.execute(update(JobRow).where(JobRow.number == number, _ACTIVE).values(ended))
 
 
-def ended_before(session: ReadSession, moment: datetime) -> list[int]:
+def ended_before(session: ReadSession, moment: datetime) -> Sequence[int]:
     """Return the numbers of the jobs that ended at a time or before."""
-    return list(session.scalars(select(JobRow.number).where(JobRow.ended_at <= moment)))
+    return session.scalars(select(JobRow.number).where(JobRow.ended_at <= moment)).all()
 
 
 def remove(session: WriteSession, number: int) -> None:
@@ -176,31 +151,5 @@ def remove(session: WriteSession, number: int) -> None:
     session.execute(delete(JobRow).where(JobRow.number == number))
 
 
-def _cause_values(cause: FailureCause | None) -> Mapping[str, str | None]:
-    return {"kind": None, "detail": None} if cause is None else {"kind": cause.kind, "detail": cause.detail}
-
-
-def _cause(row: JobRow | JobFileRow) -> FailureCause | None:
-    return None if row.kind is None else FailureCause(row.kind, row.detail or "")
-
-
-def _record(row: JobRow) -> JobRecord:
-    return JobRecord(
-        collection=CollectionNumber(row.collection_number),
-        archive=row.archive,
-        size=row.size,
-        tags=tuple(row.tags),
-        metadata=row.meta,
-        number=row.number,
-        id=row.id,
-        state=row.state,  # type: ignore[arg-type]
-        cause=_cause(row),
-        created_at=row.created_at,
-        started_at=row.started_at,
-        ended_at=row.ended_at,
-    )
-
-
-def _file(row: JobFileRow) -> FileRecord:
-    outcome: Outcome | None = row.outcome  # type: ignore[assignment]
-    return FileRecord(row.position, row.path, row.name, outcome, row.shape_id, _cause(row))
+def _cause(fault: MemberFault | None) -> dict[str, str]:
+    return {} if fault is None else {"kind": fault.kind, "detail": shown(str(fault))[:DETAIL_CHARACTERS]}

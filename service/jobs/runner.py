@@ -9,12 +9,13 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from datetime import UTC, datetime, timedelta
+from contextlib import closing, contextmanager, suppress
 
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CoreError
+from core.io import format_of
+from service.collection import CollectionNumber
 from service.container import Container
 from service.errors import (
     PROBLEMS,
@@ -27,21 +28,20 @@ from service.errors import (
     StorageUnavailableError,
     WorkerLostError,
 )
-from service.jobs import repository, service
-from service.jobs.records import FailureCause, FileRecord, JobRecord, Outcome
+from service.jobs.schemas import Outcome
+from service.jobs.service import LEASE, JobLostError, Jobs
 from service.jobs.zip_archive import ArchiveTooLargeError, MalformedArchiveError, MemberFault
 from service.observability.logging import get_logger
-from service.shapes.records import StoredShape
+from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import ingest
 from service.storage.database import WriteSession
+from service.storage.tables import JobFileRow, JobRow
 
 log = get_logger("jobs")
 
 # Interval at which the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
-# Without renewal for this long, a service counts as dead and others may run its jobs.
-LEASE = timedelta(seconds=10)
 BEAT_SECONDS = LEASE.total_seconds() / 4
 # The wait after an internal error; the member is not refused.
 PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
@@ -59,30 +59,23 @@ OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableErro
 
 # The number of unexpected failures after which a job is ended.
 FAULTS = 3
-UNFORESEEN = FailureCause(ServiceError.kind, PROBLEMS[ServiceError.kind].title)
-
-
-class JobLostError(Exception):
-    """The job has ended, or another service runs it."""
+UNFORESEEN = ServiceError(PROBLEMS[ServiceError.kind].title)
 
 
 class Runner:
     """The runner of an archive's jobs, in the event loop of a service. Call `start`, then `stop`.
 
-    `followers` contains the open event streams, and `folder` the archives of unfinished jobs.
+    `followers` contains the open event streams.
     """
 
     def __init__(self, container: Container) -> None:
         self._container = container
-        self._database = container.database
-        self._limits = service.limits_of(container.settings)
-        self.folder = service.folder_of(container.settings)
+        self.jobs = Jobs(container.database, container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
         self._active_members = 0
         self.followers: set[object] = set()
         self._arriving: Counter[str] = Counter()
-        self._open = False
         self._faults = 0
         self._running: asyncio.Task[None] | None = None
 
@@ -127,15 +120,15 @@ class Runner:
         with suppress(asyncio.CancelledError):
             await self._running
         with suppress(ServiceError):
-            await run_in_threadpool(self._release)
+            await run_in_threadpool(self.jobs.release, self._id)
 
     async def _run(self) -> None:
         pauses = iter(PAUSES)
         while True:
             try:
-                job = await run_in_threadpool(self._claim)
+                job, is_open = await run_in_threadpool(self.jobs.claim, self._id)
                 if job is None:
-                    await self._changed(LOOK_SECONDS if self._open else IDLE_SECONDS)
+                    await self._changed(LOOK_SECONDS if is_open else IDLE_SECONDS)
                     continue
                 await self._work_on(job)
                 pauses = iter(PAUSES)
@@ -146,7 +139,7 @@ class Runner:
                 log.error("working on jobs failed", exc_info=error)
                 await asyncio.sleep(next(pauses, PAUSES[-1]))
 
-    async def _work_on(self, job: JobRecord) -> None:
+    async def _work_on(self, job: JobRow) -> None:
         """Process the rest of a job; returns when it has ended, here or in another service."""
         log.info("a job starts or continues", extra={"fields": {"job": job.id}})
         renewal = asyncio.create_task(self._renew_until_ended(job))
@@ -161,35 +154,32 @@ class Runner:
         except OWN_FAULTS:
             raise
         except (ArchiveTooLargeError, MalformedArchiveError) as error:
-            await run_in_threadpool(self._fail, job, service.cause_of(error))
+            await run_in_threadpool(self.jobs.end, job, "failed", error)
         except Exception:
             self._faults += 1
             if self._faults == FAULTS:
                 # Later jobs must not wait forever.
                 self._faults = 0
-                await run_in_threadpool(self._fail, job, UNFORESEEN)
+                await run_in_threadpool(self.jobs.end, job, "failed", UNFORESEEN)
             raise
         finally:
             for task in (doing, renewal):
                 task.cancel()
             await asyncio.gather(doing, renewal, return_exceptions=True)
 
-    async def _do(self, job: JobRecord) -> None:
-        if job.state == "waiting":
-            await run_in_threadpool(service.begin, self._database, self.folder, job, self._limits)
-        files = await run_in_threadpool(self._left, job)
-        members = service.unprocessed(self.folder, job, files, self._limits)
+    async def _do(self, job: JobRow) -> None:
         turn = asyncio.Lock()
-        try:
-            async with asyncio.TaskGroup() as group:
-                for _ in range(self._container.settings.workers):
-                    group.create_task(self._take(job, members, turn))
-        except ExceptionGroup as several:
-            raise several.exceptions[0] from None
-        await run_in_threadpool(service.finish, self._database, self.folder, job)
+        with closing(self.jobs.begin(job)) as members:
+            try:
+                async with asyncio.TaskGroup() as group:
+                    for _ in range(self._container.settings.workers):
+                        group.create_task(self._take(job, members, turn))
+            except ExceptionGroup as several:
+                raise several.exceptions[0] from None
+        await run_in_threadpool(self.jobs.end, job, "done")
 
     async def _take(
-        self, job: JobRecord, members: Iterator[tuple[FileRecord, bytes | MemberFault]], turn: asyncio.Lock
+        self, job: JobRow, members: Iterator[tuple[JobFileRow, bytes | MemberFault]], turn: asyncio.Lock
     ) -> None:
         """Process members, one after another, until none is left."""
         while True:
@@ -199,7 +189,7 @@ class Runner:
                 return
             file, data = taken
             if not isinstance(data, bytes):
-                await self._refuse(job, file, service.cause_of(data))
+                await run_in_threadpool(self.jobs.refuse, file, data)
                 continue
             await self._wait_for_worker()
             self._active_members += 1
@@ -208,41 +198,33 @@ class Runner:
             finally:
                 self._active_members -= 1
 
-    async def _store(self, job: JobRecord, file: FileRecord, data: bytes) -> None:
+    async def _store(self, job: JobRow, file: JobFileRow, data: bytes) -> None:
         """Store a member like an upload, or write the reason of refusal."""
 
         def settle(session: WriteSession, stored: StoredShape) -> None:
             outcome: Outcome = "stored" if stored.created else "present"
-            now, shape_id = datetime.now(UTC), stored.shape.id
-            if not repository.settle(session, job.number, file.position, outcome, now, shape_id=shape_id):
-                raise JobLostError
+            self.jobs.settle(session, file, outcome, shape_id=stored.shape.id)
 
+        collection, tags = CollectionNumber(job.collection_number), tuple(job.tags)
+        shape = NewShape(data, format_of(file.name), collection, file.name, tags, job.meta)
+        fault: MemberFault
         for tries_left in reversed(range(TRIES)):
             try:
-                await ingest(self._container, service.shape_of(job, file, data), also=settle)
+                await ingest(self._container, shape, also=settle)
                 return
             except (JobLostError, *OWN_FAULTS):
                 raise
             except (CoreError, FileTimeLimitError) as error:
-                cause = service.cause_of(error)
+                fault = error
                 break
             except WorkerLostError as error:
-                cause = service.cause_of(error)
+                fault = error
             except Exception as error:
                 log.error("a member of an archive could not be stored", exc_info=error)
-                cause = UNFORESEEN
+                fault = UNFORESEEN
             if tries_left:
                 await asyncio.sleep(PAUSES[0])
-        await self._refuse(job, file, cause)
-
-    async def _refuse(self, job: JobRecord, file: FileRecord, cause: FailureCause) -> None:
-        def write() -> None:
-            with self._database.write() as session:
-                now = datetime.now(UTC)
-                if not repository.settle(session, job.number, file.position, "refused", now, cause=cause):
-                    raise JobLostError
-
-        await run_in_threadpool(write)
+        await run_in_threadpool(self.jobs.refuse, file, fault)
 
     async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
@@ -252,39 +234,14 @@ class Runner:
                 return
             await asyncio.sleep(ROOM_SECONDS)
 
-    async def _renew_until_ended(self, job: JobRecord) -> None:
+    async def _renew_until_ended(self, job: JobRow) -> None:
         """Renew the lease of a job until the job has ended or the lease is lost."""
         while True:
             await self._changed(BEAT_SECONDS)
-            if not await run_in_threadpool(self._renew, job):
-                raise JobLostError
+            await run_in_threadpool(self.jobs.renew, job, self._id)
 
     async def _changed(self, seconds: float) -> None:
         """Wait for a change, but no longer than some seconds."""
         with suppress(TimeoutError):
             await asyncio.wait_for(self._look.wait(), seconds)
         self._look.clear()
-
-    def _claim(self) -> JobRecord | None:
-        keep = timedelta(days=self._container.settings.job_days)
-        self._open = service.clear(self._database, self.folder, keep)
-        if not self._open:
-            return None
-        now = datetime.now(UTC)
-        with self._database.write() as session:
-            return repository.claim(session, self._id, now + LEASE, now)
-
-    def _fail(self, job: JobRecord, cause: FailureCause) -> None:
-        service.fail(self._database, self.folder, job, cause)
-
-    def _left(self, job: JobRecord) -> list[FileRecord]:
-        with self._database.read() as session:
-            return repository.without_outcome(session, job.number)
-
-    def _renew(self, job: JobRecord) -> bool:
-        with self._database.write() as session:
-            return repository.renew(session, job.number, self._id, datetime.now(UTC) + LEASE)
-
-    def _release(self) -> None:
-        with self._database.write() as session:
-            repository.release(session, self._id)

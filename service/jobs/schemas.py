@@ -1,15 +1,24 @@
 """JSON models of bulk jobs."""
 
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.errors import PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
-from service.jobs import records
-from service.jobs.records import ENDED, FileRecord, JobRecord, Progress, State
-from service.shapes.listing import Page
+
+if TYPE_CHECKING:
+    from service.storage.tables import JobFileRow, JobRow
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+"""The state of a job."""
+
+ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
+
+Outcome = Literal["stored", "present", "refused"]
+"""The outcome of a member: a new shape, an existing shape, or no shape."""
 
 CAUSE: dict[str, Any] = {
     "type": TYPE_PREFIX + "member-damaged",
@@ -52,10 +61,13 @@ class Cause(BaseModel):
     detail: str = Field(description="A description of this occurrence.")
 
     @classmethod
-    def of(cls, cause: records.FailureCause) -> "Cause":
-        """Return the JSON of a recorded cause."""
-        row = PROBLEMS[cause.kind]
-        return cls(type=TYPE_PREFIX + cause.kind, title=row.title, status=row.status, detail=cause.detail)
+    def of(cls, row: "JobRow | JobFileRow") -> "Cause | None":
+        """Return the recorded cause of a failure or a refusal, or None if there is none."""
+        if row.kind is None:
+            return None
+        known = PROBLEMS[row.kind]
+        detail = row.detail or ""
+        return cls(type=TYPE_PREFIX + row.kind, title=known.title, status=known.status, detail=detail)
 
 
 class Counts(BaseModel):
@@ -91,29 +103,20 @@ class Job(BaseModel):
     ended_at: datetime | None = Field(description="UTC.")
 
     @classmethod
-    def of(cls, progress: Progress) -> "Job":
-        """Return the JSON of a job."""
-        job, counts = progress.job, progress.counts
+    def of(cls, job: "JobRow", counts: Mapping[str | None, int], rate: float | None) -> "Job":
+        """Return the JSON of a job, its numbers of files by outcome, and its speed in files per second."""
+        names = ("id", "state", "archive", "tags", "created_at", "started_at", "ended_at")
+        numbers = {"waiting": 0, "stored": 0, "present": 0, "refused": 0}
+        numbers |= {outcome or "waiting": many for outcome, many in counts.items()}
+        values: dict[str, Any] = {name: getattr(job, name) for name in names}
         return cls(
-            id=job.id,
-            state=job.state,
-            archive=job.archive,
+            **values,
             bytes=job.size,
-            tags=list(job.tags),
-            metadata=dict(job.metadata),
-            counts=Counts(
-                files=sum(counts.values()),
-                waiting=counts.get(None, 0),
-                stored=counts.get("stored", 0),
-                present=counts.get("present", 0),
-                refused=counts.get("refused", 0),
-            ),
-            files_per_second=None if progress.rate is None else round(progress.rate, 3),
-            remaining_seconds=None if progress.remaining is None else round(progress.remaining, 1),
-            problem=None if job.cause is None else Cause.of(job.cause),
-            created_at=job.created_at,
-            started_at=job.started_at,
-            ended_at=job.ended_at,
+            metadata=job.meta,
+            counts=Counts(files=sum(counts.values()), **numbers),
+            files_per_second=None if rate is None else round(rate, 3),
+            remaining_seconds=round(numbers["waiting"] / rate, 1) if rate else None,
+            problem=Cause.of(job),
         )
 
     @property
@@ -133,15 +136,6 @@ class JobPage(BaseModel):
     total: int = Field(description="The number of all jobs.")
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
-    @classmethod
-    def of(cls, page: Page[Progress]) -> "JobPage":
-        """Return the JSON of a page."""
-        return cls(
-            jobs=[Job.of(progress) for progress in page.items],
-            total=page.total,
-            next_cursor=page.next_cursor,
-        )
-
 
 class JobFile(BaseModel):
     """A file of a job's archive and its outcome."""
@@ -155,15 +149,16 @@ class JobFile(BaseModel):
     problem: Cause | None = Field(description="The reason of the refusal.")
 
     @classmethod
-    def of(cls, file: FileRecord, job: JobRecord) -> "JobFile":
-        """Return the JSON of a file."""
-        left: Literal["waiting", "cancelled"] = "cancelled" if job.state in ENDED else "waiting"
-        return cls(
-            position=file.position,
-            path=file.path,
-            outcome=left if file.outcome is None else file.outcome,
-            shape_id=file.shape_id,
-            problem=None if file.cause is None else Cause.of(file.cause),
+    def of(cls, file: "JobFileRow", unprocessed: Literal["waiting", "cancelled"]) -> "JobFile":
+        """Return the JSON of a file; `unprocessed` is the outcome of one without an outcome."""
+        return cls.model_validate(
+            {
+                "position": file.position,
+                "path": file.path,
+                "outcome": file.outcome or unprocessed,
+                "shape_id": file.shape_id,
+                "problem": Cause.of(file),
+            }
         )
 
 
@@ -177,12 +172,3 @@ class JobFilePage(BaseModel):
     files: list[JobFile]
     total: int = Field(description="The number of all matching files.")
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
-
-    @classmethod
-    def of(cls, page: Page[FileRecord], job: JobRecord) -> "JobFilePage":
-        """Return the JSON of a page."""
-        return cls(
-            files=[JobFile.of(file, job) for file in page.items],
-            total=page.total,
-            next_cursor=page.next_cursor,
-        )

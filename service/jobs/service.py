@@ -8,44 +8,35 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
-from core.io import format_of
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
-from service.errors import (
-    ArchiveError,
-    BusyError,
-    ServiceError,
-    StorageFullError,
-    StorageUnavailableError,
-)
+from service.errors import ArchiveError, BusyError, ServiceError, StorageFullError, StorageUnavailableError
 from service.jobs import repository
-from service.jobs.records import FailureCause, FileRecord, JobRecord, NewJob, Outcome, Progress
+from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
 from service.jobs.zip_archive import (
-    ArchiveLimits,
-    ArchiveMember,
     MalformedArchiveError,
     MemberError,
     MemberFault,
     list_members,
     read_members,
-    shown,
 )
 from service.settings import Settings
-from service.shapes.listing import Page, write_cursor
-from service.shapes.records import NewShape
+from service.shapes.listing import write_cursor
 from service.storage.archive_file import put_in_place
-from service.storage.database import Database, ReadSession
+from service.storage.database import Database, ReadSession, WriteSession
 from service.storage.sqlite import path_of
+from service.storage.tables import JobFileRow, JobRow
 
+# The number of files by which the speed of a job is measured.
 RATE_WINDOW = 30
-DETAIL_CHARACTERS = 1000
-
+# Without renewal for this long, a service counts as dead and others may run its jobs.
+LEASE = timedelta(seconds=10)
 # A file without a job may belong to a job that is being stored now.
 ORPHAN_SECONDS = 3600.0
 _ARCHIVES = "????????-????-????-????-????????????.*"
@@ -58,14 +49,8 @@ class JobNotFoundError(ServiceError, kind="job-not-found"):
         super().__init__(f"there is no job {job_id!r}")
 
 
-def limits_of(settings: Settings) -> ArchiveLimits:
-    """Return the limits of archives; a member is limited like an upload."""
-    return ArchiveLimits(
-        members=settings.max_archive_files,
-        member_bytes=settings.max_upload_bytes,
-        total_bytes=settings.max_unpacked_bytes,
-        ratio=settings.max_unpacked_ratio,
-    )
+class JobLostError(Exception):
+    """The job has ended, or another service runs it."""
 
 
 def folder_of(settings: Settings) -> Path:
@@ -79,196 +64,238 @@ def folder_of(settings: Settings) -> Path:
     return path.with_name(f"{path.name}-jobs")
 
 
-def receive(database: Database, folder: Path, file: BinaryIO, new: NewJob, most: int) -> JobRecord:
-    """Store an archive and its job; when this returns, both are durable and the job waits for its turn.
+class Jobs:
+    """The jobs of a database, and the files of their archives.
 
-    Stages: check that the job is accepted; copy the archive into the folder; insert the job.
-
-    Raises
-    ------
-    CollectionNotFoundError
-        The collection was deleted.
-    BusyError
-        `most` jobs are unfinished.
-    StorageFullError, StorageUnavailableError
-        The archive cannot be written.
+    Methods that take the id of a job raise JobNotFoundError if the collection has no such job. Methods that
+    take a row are for the service that runs the job.
     """
-    with database.read() as session:
-        _check_room(session, most)
-    job_id = str(uuid.uuid4())
-    path = archive_path(folder, job_id)
-    try:
-        _copy(file, path)
-        with database.write() as session:
-            _check_room(session, most)
-            collections_repository.require(session, new.collection)
-            return repository.add(session, job_id, new, datetime.now(UTC))
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
+
+    def __init__(self, database: Database, settings: Settings) -> None:
+        self._database = database
+        self._settings = settings
+        self._folder = folder_of(settings)
+
+    def receive(
+        self,
+        file: BinaryIO,
+        collection: CollectionNumber,
+        archive: str,
+        tags: Sequence[str],
+        metadata: Mapping[str, Any],
+    ) -> Job:
+        """Store an archive and its job; when this returns, both are durable and the job waits for its turn.
+
+        Stages: check that the job is accepted; copy the archive into the folder; insert the job.
+
+        Raises
+        ------
+        CollectionNotFoundError
+            The collection was deleted.
+        BusyError
+            The largest number of jobs is unfinished.
+        StorageFullError, StorageUnavailableError
+            The archive cannot be written.
+        """
+        with self._database.read() as session:
+            self._check_room(session)
+        job_id = str(uuid.uuid4())
+        path = self.archive_path(job_id)
+        try:
+            size = _copy(file, path)
+            with self._database.write() as session:
+                self._check_room(session)
+                collections_repository.require(session, collection)
+                values = {"archive": archive, "size": size, "tags": list(tags), "meta": dict(metadata)}
+                job = repository.add(session, job_id, collection, values, datetime.now(UTC))
+                return _shown(session, job)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+    def archive_path(self, job_id: str) -> Path:
+        """Return the file of a job's archive."""
+        return self._folder / f"{job_id}.zip"
+
+    def read(self, collection: CollectionNumber, job_id: str) -> Job:
+        """Return the current state of a job."""
+        with self._database.read() as session:
+            return _shown(session, _row(session, collection, job_id))
+
+    def page(self, collection: CollectionNumber, *, before: int, limit: int) -> JobPage:
+        """Return one page of a collection's jobs, the latest first."""
+        with self._database.read() as session:
+            rows = repository.page(session, collection, before=before, limit=limit + 1)
+            return JobPage(
+                jobs=[_shown(session, row) for row in rows[:limit]],
+                total=repository.count(session, collection),
+                next_cursor=write_cursor(rows[limit - 1].number) if len(rows) > limit else None,
+            )
+
+    def files(
+        self, collection: CollectionNumber, job_id: str, outcome: Outcome | None, *, start: int, limit: int
+    ) -> JobFilePage:
+        """Return one page of the members of a job from a position on, in the order of the archive."""
+        with self._database.read() as session:
+            job = _row(session, collection, job_id)
+            rows = repository.files(session, job.number, outcome, start=start, limit=limit + 1)
+            counts = repository.counts(session, job.number)
+            return JobFilePage(
+                files=[
+                    JobFile.of(row, "cancelled" if job.state in ENDED else "waiting") for row in rows[:limit]
+                ],
+                total=sum(counts.values()) if outcome is None else counts.get(outcome, 0),
+                next_cursor=write_cursor(rows[limit].position) if len(rows) > limit else None,
+            )
+
+    def cancel(self, collection: CollectionNumber, job_id: str, *, forget: bool = False) -> None:
+        """End a job unless it has ended; no further shapes are stored. With `forget`, delete its record."""
+        with self._database.write() as session:
+            job = _row(session, collection, job_id)
+            repository.end(session, job.number, "cancelled", None, datetime.now(UTC))
+            if forget:
+                repository.remove(session, job.number)
+        self.archive_path(job_id).unlink(missing_ok=True)
+
+    def claim(self, runner: str) -> tuple[JobRow | None, bool]:
+        """Clear old records, and take over a job that no living service runs.
+
+        Returns
+        -------
+        tuple of (JobRow or None, bool)
+            The oldest such job, and whether any job is unfinished.
+        """
+        is_open = self.clear(timedelta(days=self._settings.job_days))
+        if not is_open:
+            return None, False
+        now = datetime.now(UTC)
+        with self._database.write() as session:
+            return repository.claim(session, runner, now + LEASE, now), True
+
+    def renew(self, job: JobRow, runner: str) -> None:
+        """Renew the lease of a job.
+
+        Raises
+        ------
+        JobLostError
+        """
+        with self._database.write() as session:
+            if not repository.renew(session, job.number, runner, datetime.now(UTC) + LEASE):
+                raise JobLostError
+
+    def release(self, runner: str) -> None:
+        """Release the jobs of this service to other services."""
+        with self._database.write() as session:
+            repository.release(session, runner)
+
+    def begin(self, job: JobRow) -> Generator[tuple[JobFileRow, bytes | MemberFault]]:
+        """List the members of a job, unless they are listed, and yield those without an outcome.
+
+        Each comes with its bytes or the reason of its refusal.
+
+        Raises
+        ------
+        ArchiveTooLargeError
+            The archive exceeds the limits.
+        MalformedArchiveError
+            The archive cannot be read, or is not in the folder.
+        """
+        try:
+            archive = self.archive_path(job.id).open("rb")
+        except FileNotFoundError as error:
+            raise MalformedArchiveError(
+                "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
+            ) from error
+        with archive:
+            if job.state == "waiting":
+                members = list_members(archive, self._settings)
+                with self._database.write() as session:
+                    repository.begin(session, job.number, members, datetime.now(UTC))
+            with self._database.read() as session:
+                unread = {row.position: row for row in repository.without_outcome(session, job.number)}
+            for position, content in read_members(archive, self._settings, frozenset(unread)):
+                yield unread.pop(position), content
+        for row in unread.values():
+            yield row, MemberError("member-damaged", "the archive is damaged before this file")
+
+    def settle(
+        self,
+        session: WriteSession,
+        file: JobFileRow,
+        outcome: Outcome,
+        *,
+        shape_id: str | None = None,
+        fault: MemberFault | None = None,
+    ) -> None:
+        """Write the outcome of a member.
+
+        Raises
+        ------
+        JobLostError
+            The job does not run, or the member has an outcome.
+        """
+        values = {"outcome": outcome, "shape_id": shape_id, "ended_at": datetime.now(UTC)}
+        if not repository.settle(session, file, values, fault):
+            raise JobLostError
+
+    def refuse(self, file: JobFileRow, fault: MemberFault) -> None:
+        """Write the refusal of a member. It raises the errors of `settle`."""
+        with self._database.write() as session:
+            self.settle(session, file, "refused", fault=fault)
+
+    def end(self, job: JobRow, state: State, fault: MemberFault | None = None) -> None:
+        """End a job, unless it has ended, and delete its archive; its stored shapes stay."""
+        with self._database.write() as session:
+            repository.end(session, job.number, state, fault, datetime.now(UTC))
+        self.archive_path(job.id).unlink(missing_ok=True)
+
+    def clear(self, keep: timedelta) -> bool:
+        """Delete records of jobs that ended before `keep`, and files of no job.
+
+        Returns
+        -------
+        bool
+            Whether a job is unfinished.
+        """
+        with self._database.read() as session:
+            active = repository.active_ids(session)
+            gone = repository.ended_before(session, datetime.now(UTC) - keep)
+        for number in gone:
+            with self._database.write(deleting=True) as session:
+                repository.remove(session, number)
+        for path in self._folder.glob(_ARCHIVES):
+            # Another service may delete the file meanwhile.
+            with suppress(OSError):
+                if path.stem not in active and path.stat().st_mtime < time.time() - ORPHAN_SECONDS:
+                    path.unlink()
+        return bool(active)
+
+    def _check_room(self, session: ReadSession) -> None:
+        most = self._settings.max_jobs
+        if len(repository.active_ids(session)) >= most:
+            raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
 
 
-def archive_path(folder: Path, job_id: str) -> Path:
-    """Return the file of a job's archive."""
-    return folder / f"{job_id}.zip"
-
-
-def progress(session: ReadSession, job: JobRecord) -> Progress:
-    """Return the progress of a job."""
-    rate = None
-    if job.state == "running" and job.started_at is not None:
-        ends = repository.latest_ends(session, job.number, job.started_at, RATE_WINDOW + 1)
-        since = job.started_at if len(ends) <= RATE_WINDOW else ends[-1]
-        seconds = (datetime.now(UTC) - since).total_seconds()
-        rate = min(len(ends), RATE_WINDOW) / seconds if ends and seconds > 0 else None
-    return Progress(job, repository.counts(session, job.number), rate)
-
-
-def get(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """Return the job of a collection with an id.
-
-    Raises
-    ------
-    JobNotFoundError
-        The collection has no such job.
-    """
+def _row(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRow:
     job = repository.by_id(session, collection, job_id)
     if job is None:
         raise JobNotFoundError(job_id)
     return job
 
 
-def list_page(
-    session: ReadSession, collection: CollectionNumber, *, before: int, limit: int
-) -> Page[Progress]:
-    """Return one page of a collection's jobs, the latest first."""
-    jobs = repository.page(session, collection, before=before, limit=limit + 1)
-    next_cursor = write_cursor(jobs[limit - 1].number) if len(jobs) > limit else None
-    total = repository.count(session, collection)
-    return Page([progress(session, job) for job in jobs[:limit]], total, next_cursor)
+def _shown(session: ReadSession, job: JobRow) -> Job:
+    """Return the JSON of a job, with its recent speed in members per second."""
+    rate = None
+    if job.state == "running" and job.started_at is not None:
+        ends = repository.latest_ends(session, job.number, job.started_at, RATE_WINDOW + 1)
+        since = job.started_at if len(ends) <= RATE_WINDOW else ends[-1]
+        seconds = (datetime.now(UTC) - since).total_seconds()
+        rate = min(len(ends), RATE_WINDOW) / seconds if ends and seconds > 0 else None
+    return Job.of(job, repository.counts(session, job.number), rate)
 
 
-def list_files(
-    session: ReadSession, job: JobRecord, outcome: Outcome | None, *, start: int, limit: int
-) -> Page[FileRecord]:
-    """Return one page of the members of a job from a position on, in the order of the archive."""
-    files = repository.files(session, job.number, outcome, start=start, limit=limit + 1)
-    counts = repository.counts(session, job.number)
-    total = sum(counts.values()) if outcome is None else counts.get(outcome, 0)
-    next_cursor = write_cursor(files[limit].position) if len(files) > limit else None
-    return Page(files[:limit], total, next_cursor)
-
-
-def cancel(database: Database, folder: Path, collection: CollectionNumber, job_id: str) -> JobRecord:
-    """End a job unless it has ended. Its stored shapes stay; no further shapes are stored."""
-    with database.write() as session:
-        job = get(session, collection, job_id)
-        repository.end(session, job.number, "cancelled", job.cause, datetime.now(UTC))
-    delete_archive(folder, job)
-    return job
-
-
-def remove(database: Database, folder: Path, collection: CollectionNumber, job_id: str) -> None:
-    """Cancel a job and delete its record."""
-    job = cancel(database, folder, collection, job_id)
-    with database.write() as session:
-        repository.remove(session, job.number)
-
-
-def begin(database: Database, folder: Path, job: JobRecord, limits: ArchiveLimits) -> None:
-    """List the members of a waiting job and start it.
-
-    Raises
-    ------
-    ArchiveTooLargeError
-        The archive exceeds the limits.
-    MalformedArchiveError
-        The archive cannot be read, or is not in the folder.
-    """
-    with _open(folder, job) as archive:
-        members = [_listed(member) for member in list_members(archive, limits)]
-    with database.write() as session:
-        repository.begin(session, job.number, members, datetime.now(UTC))
-
-
-def unprocessed(
-    folder: Path, job: JobRecord, files: list[FileRecord], limits: ArchiveLimits
-) -> Iterator[tuple[FileRecord, bytes | MemberFault]]:
-    """Yield members of a job, each with its bytes or the reason of refusal.
-
-    Raises
-    ------
-    ArchiveTooLargeError, MalformedArchiveError
-        As `begin`.
-    """
-    unread = {file.position: file for file in files}
-    with _open(folder, job) as archive:
-        for position, data in read_members(archive, limits, frozenset(unread)):
-            yield unread.pop(position), data
-    for file in unread.values():
-        yield file, MemberError("member-damaged", "the archive is damaged before this file")
-
-
-def shape_of(job: JobRecord, file: FileRecord, data: bytes) -> NewShape:
-    """Return the shape of a member."""
-    return NewShape(data, format_of(file.name), job.collection, file.name, job.tags, job.metadata)
-
-
-def finish(database: Database, folder: Path, job: JobRecord) -> None:
-    """End a job, if all its members are processed."""
-    with database.write() as session:
-        if repository.without_outcome(session, job.number):
-            return
-        repository.end(session, job.number, "done", None, datetime.now(UTC))
-    delete_archive(folder, job)
-
-
-def fail(database: Database, folder: Path, job: JobRecord, cause: FailureCause) -> None:
-    """End a job that cannot continue; its stored shapes stay."""
-    with database.write() as session:
-        repository.end(session, job.number, "failed", cause, datetime.now(UTC))
-    delete_archive(folder, job)
-
-
-def delete_archive(folder: Path, job: JobRecord) -> None:
-    """Delete the archive of a job that has ended."""
-    archive_path(folder, job.id).unlink(missing_ok=True)
-
-
-def clear(database: Database, folder: Path, keep: timedelta) -> bool:
-    """Delete records of jobs that ended before `keep`, and files of no job.
-
-    Returns
-    -------
-    bool
-        Whether a job is unfinished.
-    """
-    with database.read() as session:
-        active = repository.active_ids(session)
-        gone = repository.ended_before(session, datetime.now(UTC) - keep)
-    for number in gone:
-        with database.write(deleting=True) as session:
-            repository.remove(session, number)
-    for path in folder.glob(_ARCHIVES):
-        # Another service may delete the file meanwhile.
-        with suppress(OSError):
-            if path.stem not in active and path.stat().st_mtime < time.time() - ORPHAN_SECONDS:
-                path.unlink()
-    return bool(active)
-
-
-def cause_of(fault: MemberFault) -> FailureCause:
-    """Return the record of a fault."""
-    return FailureCause(fault.kind, shown(str(fault))[:DETAIL_CHARACTERS])
-
-
-def _check_room(session: ReadSession, most: int) -> None:
-    if len(repository.active_ids(session)) >= most:
-        raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
-
-
-def _copy(file: BinaryIO, path: Path) -> None:
-    """Copy an archive into its folder, durably and under its name only when it is complete."""
+def _copy(file: BinaryIO, path: Path) -> int:
+    """Copy an archive into its folder, durably and under its name only when it is complete; its size."""
     partial = path.with_suffix(".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -276,27 +303,12 @@ def _copy(file: BinaryIO, path: Path) -> None:
         with partial.open("xb") as copy:
             os.fchmod(copy.fileno(), 0o600)
             shutil.copyfileobj(file, copy, 1024 * 1024)
+            size = copy.tell()
         put_in_place(partial, path)
+        return size
     except OSError as error:
         if error.errno in {errno.ENOSPC, errno.EDQUOT}:
             raise StorageFullError("the folder of the jobs' archives is full") from error
         raise StorageUnavailableError(f"the archive cannot be written: {error.strerror}") from error
     finally:
         partial.unlink(missing_ok=True)
-
-
-def _open(folder: Path, job: JobRecord) -> BinaryIO:
-    try:
-        return archive_path(folder, job.id).open("rb")
-    except FileNotFoundError as error:
-        raise MalformedArchiveError(
-            "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
-        ) from error
-
-
-def _listed(member: ArchiveMember) -> FileRecord:
-    """Return the initial record of a member: refused, or without an outcome."""
-    if member.fault is None:
-        return FileRecord(member.position, member.path, member.name)
-    cause = cause_of(member.fault)
-    return FileRecord(member.position, member.path, member.name, "refused", None, cause)

@@ -14,6 +14,7 @@ from typing import BinaryIO
 from core.errors import CoreError
 from core.io import format_of
 from service.errors import ServiceError
+from service.settings import Settings
 from service.shapes.fields import base_name, clean_name
 
 PIECE = 64 * 1024
@@ -63,50 +64,11 @@ class MemberError(ServiceError):
 
 
 @dataclass(frozen=True)
-class ArchiveLimits:
-    """The limits of an archive.
-
-    Attributes
-    ----------
-    members : int
-        Number of members, folders included.
-    member_bytes : int
-        Unpacked size of one member.
-    total_bytes : int
-        Unpacked size of all members.
-    ratio : float
-        Unpacked size divided by packed size; applies above `RATIO_FROM` bytes.
-    """
-
-    members: int
-    member_bytes: int
-    total_bytes: int
-    ratio: float
-
-    def check_member(self, unpacked: int, packed: int | None = None) -> None:
-        """Raise if a member, by its header or by its unpacked bytes, is too large.
-
-        Raises
-        ------
-        MemberTooLargeError
-            It has more than `member_bytes` bytes, or more than `ratio` times its packed size.
-        """
-        if unpacked > self.member_bytes:
-            raise MemberError("member-too-large", f"at most {self.member_bytes} bytes of one file are taken")
-        if packed is not None and unpacked > RATIO_FROM and unpacked > self.ratio * packed:
-            raise MemberError(
-                "member-too-large", f"it unpacks to more than {self.ratio:g} times its packed size"
-            )
-
-
-@dataclass(frozen=True)
 class ArchiveMember:
     """A member that is not a folder.
 
     Attributes
     ----------
-    position : int
-        Index of the member in the archive.
     path : str
         Name in the archive, with unprintable characters replaced.
     name : str
@@ -115,7 +77,6 @@ class ArchiveMember:
         The reason to refuse the member, as far as its header tells.
     """
 
-    position: int
     path: str
     name: str
     fault: MemberFault | None
@@ -133,7 +94,7 @@ def check_zip(file: BinaryIO) -> None:
         raise UnknownArchiveError("the file is not a zip")
 
 
-def list_members(file: BinaryIO, limits: ArchiveLimits) -> list[ArchiveMember]:
+def list_members(file: BinaryIO, limits: Settings) -> list[ArchiveMember]:
     """List all members by the directory of an archive.
 
     Raises
@@ -146,7 +107,7 @@ def list_members(file: BinaryIO, limits: ArchiveLimits) -> list[ArchiveMember]:
     members: list[ArchiveMember] = []
     paths: set[str] = set()
     total = 0
-    for position, info in _opened(file, limits)[2]:
+    for info in _opened(file, limits)[2]:
         path = info.orig_filename
         fault: MemberFault | None = None
         try:
@@ -161,15 +122,15 @@ def list_members(file: BinaryIO, limits: ArchiveLimits) -> list[ArchiveMember]:
             fault = error
         shown_path = shown(path)[:PATH_CHARACTERS]
         name = base_name(shown_path) if fault is not None else clean_name(base_name(path))
-        members.append(ArchiveMember(position, shown_path, name, fault))
+        members.append(ArchiveMember(shown_path, name, fault))
         total += info.file_size if fault is None else 0
-    if total > limits.total_bytes:
-        raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {limits.total_bytes}")
+    if total > limits.max_unpacked_bytes:
+        raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {limits.max_unpacked_bytes}")
     return members
 
 
 def read_members(
-    file: BinaryIO, limits: ArchiveLimits, wanted: Container[int]
+    file: BinaryIO, limits: Settings, wanted: Container[int]
 ) -> Iterator[tuple[int, bytes | MemberFault]]:
     """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order.
 
@@ -181,7 +142,7 @@ def read_members(
         The directory cannot be read.
     """
     archive, bounded, infos = _opened(file, limits)
-    for position, info in infos:
+    for position, info in enumerate(infos):
         if position in wanted:
             try:
                 yield position, _unpacked(archive, bounded, info, limits)
@@ -218,11 +179,9 @@ class _BoundedFile:
         return data
 
 
-def _opened(
-    file: BinaryIO, limits: ArchiveLimits
-) -> tuple[zipfile.ZipFile, _BoundedFile, list[tuple[int, zipfile.ZipInfo]]]:
-    """Return the archive, the file that it reads, and its members except folders with their positions."""
-    bounded = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.members))
+def _opened(file: BinaryIO, limits: Settings) -> tuple[zipfile.ZipFile, _BoundedFile, list[zipfile.ZipInfo]]:
+    """Return the archive, the file that it reads, and its members except folders."""
+    bounded = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.max_archive_files))
     try:
         archive = zipfile.ZipFile(bounded)
     except ServiceError:
@@ -231,13 +190,13 @@ def _opened(
     except Exception as error:
         raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
     infos = archive.infolist()
-    if len(infos) > limits.members:
-        raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {limits.members}")
-    return archive, bounded, list(enumerate(info for info in infos if not info.is_dir()))
+    if len(infos) > limits.max_archive_files:
+        raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {limits.max_archive_files}")
+    return archive, bounded, [info for info in infos if not info.is_dir()]
 
 
 def _unpacked(
-    archive: zipfile.ZipFile, bounded: _BoundedFile, info: zipfile.ZipInfo, limits: ArchiveLimits
+    archive: zipfile.ZipFile, bounded: _BoundedFile, info: zipfile.ZipInfo, limits: Settings
 ) -> bytes:
     """Unpack a member and check the limits meanwhile."""
     data = bytearray()
@@ -246,7 +205,7 @@ def _unpacked(
         with archive.open(info) as opened:
             while piece := opened.read(PIECE):
                 data += piece
-                limits.check_member(len(data), bounded.taken - before)
+                _check_size(limits, len(data), bounded.taken - before)
     except ServiceError:
         raise
     except Exception as error:
@@ -279,7 +238,7 @@ def _check_name(path: str) -> None:
         raise MemberError("nested-archive", "an archive inside of an archive is not read: send it by itself")
 
 
-def _check_header(info: zipfile.ZipInfo, limits: ArchiveLimits) -> None:
+def _check_header(info: zipfile.ZipInfo, limits: Settings) -> None:
     """Raise if the directory says that a member is no plain file of a size that is taken."""
     kind = stat.S_IFMT(info.external_attr >> 16)
     if stat.S_ISLNK(kind):
@@ -292,4 +251,15 @@ def _check_header(info: zipfile.ZipInfo, limits: ArchiveLimits) -> None:
         raise MemberError(
             "member-kind", "its compression method is not supported; deflate is, and no compression"
         )
-    limits.check_member(info.file_size)
+    _check_size(limits, info.file_size)
+
+
+def _check_size(limits: Settings, unpacked: int, packed: int | None = None) -> None:
+    """Raise MemberError if a member, by its header or by its unpacked bytes, is too large."""
+    if unpacked > limits.max_upload_bytes:
+        raise MemberError(
+            "member-too-large", f"at most {limits.max_upload_bytes} bytes of one file are taken"
+        )
+    ratio = limits.max_unpacked_ratio
+    if packed is not None and unpacked > RATIO_FROM and unpacked > ratio * packed:
+        raise MemberError("member-too-large", f"it unpacks to more than {ratio:g} times its packed size")

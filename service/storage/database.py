@@ -41,7 +41,7 @@ class WriteSession(ReadSession):
     """
 
     def __init__(self, engine: Engine, hnsw: HnswParameters) -> None:
-        super().__init__(engine)
+        super().__init__(engine, expire_on_commit=False)
         self.hnsw = hnsw
         self.revision: int | None = None
 

@@ -306,9 +306,9 @@ class JudgedShapeRow(Table):
 class JobRow(Table):
     """A bulk job, which stores the members of an archive.
 
-    `number` increases in the order of creation. `state` is one of `service.jobs.records.State`. `runner`
+    `number` increases in the order of creation. `state` is one of `service.jobs.schemas.State`. `runner`
     identifies the service that runs the job; it counts as dead after `leased_until`. Until the job ends, its
-    archive is a file (`service.jobs.service.archive_path`).
+    archive is a file (`service.jobs.service.Jobs.archive_path`).
     """
 
     __tablename__ = "jobs"

@@ -153,8 +153,9 @@ def test_an_archive_that_is_cut_or_gone_fails(clean: Running, monkeypatch: pytes
     assert (done["state"], done["counts"]["files"]) == ("failed", 0)
     assert done["problem"]["type"].endswith(":malformed-archive")
 
-    def lose(_file: object, path: Path) -> None:
+    def lose(_file: object, path: Path) -> int:
         path.parent.mkdir(exist_ok=True)
+        return len(data)
 
     monkeypatch.setattr(jobs_service, "_copy", lose)
     done = ended(clean.client, begun(clean.client, data))
@@ -411,24 +412,25 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
 def test_leftovers_are_cleared(clean: Running) -> None:
     job_id = begun(clean.client, pack(meshes(range(1))))
     ended(clean.client, job_id)
-    database, folder = clean.container.database, jobs_service.folder_of(clean.container.settings)
+    database, settings = clean.container.database, clean.container.settings
+    jobs, folder = jobs_service.Jobs(database, settings), jobs_service.folder_of(settings)
     wait_until(lambda: not archives(clean), seconds=30)
     left, arriving, other = (folder / name for name in (f"{uuid4()}.zip", f"{uuid4()}.partial", "notes.zip"))
     for path in (left, arriving, other):
         path.touch()
-    jobs_service.clear(database, folder, timedelta(days=1))
+    jobs.clear(timedelta(days=1))
     assert set(archives(clean)) == {left, arriving, other}
     hours_ago = time.time() - 2 * jobs_service.ORPHAN_SECONDS
     for path in (left, arriving, other):
         os.utime(path, (hours_ago, hours_ago))
-    assert not jobs_service.clear(database, folder, timedelta(days=1))
+    assert not jobs.clear(timedelta(days=1))
     assert archives(clean) == [other]
     other.unlink()
     with database.write() as session:
         session.execute(update(JobRow).values(ended_at=datetime.now(UTC) - timedelta(hours=25)))
-    jobs_service.clear(database, folder, timedelta(hours=26))
+    jobs.clear(timedelta(hours=26))
     assert job(clean.client, job_id)["state"] == "done"
-    jobs_service.clear(database, folder, timedelta(hours=24))
+    jobs.clear(timedelta(hours=24))
     assert_problem(clean.client.get(f"/jobs/{job_id}"), 404, "job-not-found")
     assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
     assert len(stored(clean)) == 1
@@ -445,10 +447,9 @@ def test_an_archive_that_cannot_be_written_is_no_job(
             assert len(archives(clean)) == 1
             raise OSError(code, os.strerror(code))
 
-    new = jobs_service.NewJob(DEFAULT_COLLECTION.number, "a", 10**8, (), {})
-    folder = jobs_service.folder_of(clean.container.settings)
+    jobs = jobs_service.Jobs(clean.container.database, clean.container.settings)
     with pytest.raises(error):
-        jobs_service.receive(clean.container.database, folder, Broken(), new, 10)
+        jobs.receive(Broken(), DEFAULT_COLLECTION.number, "a", (), {})
     assert archives(clean) == []
     assert rows(clean, JobRow) == 0
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from service.jobs.zip_archive import (
-    ArchiveLimits,
     ArchiveTooLargeError,
     MalformedArchiveError,
     UnknownArchiveError,
@@ -19,19 +18,22 @@ from service.jobs.zip_archive import (
     list_members,
     read_members,
 )
+from service.settings import Settings
 from tests.service.jobs.support import pack, zip_link, zipped
 
 MIB = 1024 * 1024
-LIMITS = ArchiveLimits(members=100, member_bytes=4 * MIB, total_bytes=32 * MIB, ratio=50.0)
+LIMITS = Settings(
+    max_archive_files=100, max_upload_bytes=4 * MIB, max_unpacked_bytes=32 * MIB, max_unpacked_ratio=50.0
+)
 NOISE = np.random.default_rng(0).bytes(200_000)
 
 
-def faults(data: bytes, limits: ArchiveLimits = LIMITS) -> dict[str, str | None]:
+def faults(data: bytes, limits: Settings = LIMITS) -> dict[str, str | None]:
     """Return each member's path and the kind of its fault, by its header or by its bytes."""
     file = io.BytesIO(data)
     members = list_members(file, limits)
     kinds = {member.path: member.fault and member.fault.kind for member in members}
-    sound = {member.position: member.path for member in members if member.fault is None}
+    sound = {position: member.path for position, member in enumerate(members) if member.fault is None}
     for position, content in read_members(file, limits, sound):
         kinds[sound.pop(position)] = None if isinstance(content, bytes) else content.kind
     assert not sound
@@ -42,7 +44,7 @@ def contents(data: bytes) -> dict[str, bytes]:
     """Return the bytes of each member that is read."""
     file = io.BytesIO(data)
     check_zip(file)
-    paths = {member.position: member.path for member in list_members(file, LIMITS)}
+    paths = {position: member.path for position, member in enumerate(list_members(file, LIMITS))}
     members = read_members(file, LIMITS, paths)
     return {paths[position]: content for position, content in members if isinstance(content, bytes)}
 
@@ -131,7 +133,7 @@ def test_a_bomb_is_stopped_while_it_unpacks() -> None:
 
 
 def test_an_archive_of_too_much() -> None:
-    few = ArchiveLimits(members=3, member_bytes=MIB, total_bytes=400_000, ratio=50.0)
+    few = LIMITS.model_copy(update={"max_archive_files": 3, "max_unpacked_bytes": 400_000})
     with pytest.raises(ArchiveTooLargeError, match="members"):
         faults(pack({f"{i}.off": b"" for i in range(4)}), few)
     assert len(faults(pack({f"{i}.off": b"" for i in range(3)}), few)) == 3

@@ -10,9 +10,7 @@ from sqlalchemy import update
 from service.auth.keys import digest_of
 from service.collection import DEFAULT_COLLECTION
 from service.jobs import repository as job_repository
-from service.jobs import runner as job_running
 from service.jobs import service as jobs
-from service.jobs.records import NewJob
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.storage.tables import JobRow
@@ -51,7 +49,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def set_back(patch: pytest.MonkeyPatch) -> None:
     """Have every wall clock in the service a day behind. The monotonic clock is never set."""
     real = time.time
-    for module in (repository, shapes, endpoints, jobs, job_running):
+    for module in (repository, shapes, endpoints, jobs):
         patch.setattr(module, "datetime", DayBefore)
     patch.setattr(time, "time", lambda: real() - DAY.total_seconds())
 
@@ -101,13 +99,13 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
     """And so is that of a service which died before the clock was set back: its lease ends tomorrow."""
     client, database = clocked.client, clocked.container.database
     archive = pack({"7.off": small_file(7)})
-    path = jobs.archive_path(jobs.folder_of(clocked.container.settings), "left")
+    path = jobs.Jobs(database, clocked.container.settings).archive_path("left")
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(archive)
     with database.write() as session:
         now = datetime.now(UTC)
-        new = NewJob(DEFAULT_COLLECTION.number, "left.zip", len(archive), (), {})
-        job = job_repository.add(session, "left", new, now)
+        values = {"archive": "left.zip", "size": len(archive), "tags": [], "meta": {}}
+        job = job_repository.add(session, "left", DEFAULT_COLLECTION.number, values, now)
         left = update(JobRow).where(JobRow.number == job.number).values(runner="died", leased_until=now + DAY)
         session.execute(left)
     with monkeypatch.context() as patch:
