@@ -1,6 +1,6 @@
 """Results of the pipeline: the embedding of one shape; scores, match and dense correspondence of two."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -164,6 +164,16 @@ class Match:
     distances: Float32s = field(repr=False)
     effective: NDArray[np.bool_] = field(repr=False)
     mirrored: bool | None = None
+
+    def swapped(self) -> "Match":
+        """Return the same match seen from the other shape."""
+        order = np.lexsort((self.correspondence[:, 0], self.correspondence[:, 1]))
+        return replace(
+            self,
+            correspondence=self.correspondence[order][:, ::-1],
+            distances=self.distances[order],
+            effective=self.effective[order],
+        )
 
 
 @dataclass(frozen=True, eq=False)

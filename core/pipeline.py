@@ -123,17 +123,9 @@ class Pipeline:
         """
         with guarded():
             orientations = _orientations(first, second)
-            pair = self.matcher.match(self._checked(first), self._checked(second), orientations)
-            check_finite(pair.cc, pair.ssd, pair.sim, pair.distances)
-        return Match(
-            cc=pair.cc,
-            ssd=pair.ssd,
-            sim=pair.sim,
-            correspondence=pair.pairs.astype(np.int32),
-            distances=pair.distances.astype(np.float32),
-            effective=pair.effective,
-            mirrored=pair.mirrored,
-        )
+            match = self.matcher.match(self._checked(first), self._checked(second), orientations)
+            check_finite(match.cc, match.ssd, match.sim, match.distances)
+        return match
 
     def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], bool | None]:
         """Compute correspondences of samples that fit about equally well, at most `MAPS`, best first.

@@ -3,8 +3,8 @@
 import json
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, fields
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,17 @@ from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
 from core.spectral.orientation import ORIENTED, ORIENTING
 
+_ARRAYS: dict[str, tuple[type[np.generic], tuple[str | int | None, ...]]] = {
+    "positions": (np.float32, ("m", 3)),
+    "vertices": (np.int32, ("m",)),
+    "graph_edges": (np.int32, ("e", 2)),
+    "graph_lengths": (np.float32, ("e",)),
+    "tree_edges": (np.int32, ("m - 1", 2)),
+    "regions": (np.int32, ("d",)),
+    "signature": (np.float32, (None,)),
+}
+"""Type and shape of each array of an embedding: m samples, e edges, d points, None any length above 0."""
+
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
     """Return the record of an embedding; the same embedding always gives the same bytes."""
@@ -26,16 +37,8 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "facts": asdict(embedding.facts),
         "spectra": [spectrum.name for spectrum in embedding.spectra],
     }
-    arrays: dict[str, NDArray[Any]] = {
-        "positions": embedding.positions,
-        "vertices": embedding.vertices,
-        "graph_edges": embedding.graph_edges,
-        "graph_lengths": embedding.graph_lengths,
-        "tree_edges": embedding.tree_edges,
-        "regions": embedding.regions,
-        "signature": embedding.signature,
-        **{name: embedding.descriptors[name] for name in DESCRIPTORS},
-    }
+    arrays: dict[str, NDArray[Any]] = {name: getattr(embedding, name) for name in _ARRAYS}
+    arrays |= {name: embedding.descriptors[name] for name in DESCRIPTORS}
     if embedding.orientation.size:
         header["orientation"] = True
         arrays["orientation"] = embedding.orientation
@@ -44,6 +47,21 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         arrays[f"coordinates_{i}"] = spectrum.coordinates
     arrays["header"] = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
     return bytes(save({name: np.ascontiguousarray(array) for name, array in arrays.items()}))
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    """Raise a BadRecordError for any error of reading a record."""
+    try:
+        yield
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
+        raise BadRecordError(f"not an embedding: {error}") from error
+
+
+def _check(faults: Iterator[str]) -> None:
+    """Raise a BadRecordError with the first of the faults."""
+    for fault in faults:
+        raise BadRecordError(f"not an embedding: {fault}")
 
 
 def embedding_from_bytes(data: bytes) -> Embedding:
@@ -55,31 +73,21 @@ def embedding_from_bytes(data: bytes) -> Embedding:
         The bytes are not safetensors, or an array has the wrong shape or type (see
         `core.embedding.Embedding`), a value that is not finite, or an index out of range.
     """
-    try:
+    with _reading():
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
         embedding = Embedding(
             fingerprint=header["fingerprint"],
             facts=Facts(**header["facts"]),
-            positions=arrays["positions"],
-            vertices=arrays["vertices"],
-            graph_edges=arrays["graph_edges"],
-            graph_lengths=arrays["graph_lengths"],
-            tree_edges=arrays["tree_edges"],
-            regions=arrays["regions"],
-            signature=arrays["signature"],
             spectra=tuple(
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
             descriptors={name: arrays[name] for name in DESCRIPTORS},
             orientation=arrays["orientation"] if header.get("orientation") else NO_ORIENTATION,
+            **{name: arrays[name] for name in _ARRAYS},
         )
-    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BadRecordError(f"not an embedding: {error}") from error
-    fault = next(_faults(embedding), None)
-    if fault is not None:
-        raise BadRecordError(f"not an embedding: {fault}")
+    _check(_faults(embedding))
     return embedding
 
 
@@ -91,7 +99,7 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     BadRecordError
         The bytes are not a record, or a descriptor has the wrong shape or type.
     """
-    try:
+    with _reading():
         arrays = load(data)
         header = json.loads(arrays["header"].tobytes())
         descriptors = ShapeDescriptors(
@@ -99,12 +107,8 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
             {name: arrays[name] for name in DESCRIPTORS},
             intrinsic_reliability(Facts(**header["facts"])),
         )
-    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError, AttributeError) as error:
-        raise BadRecordError(f"not an embedding: {error}") from error
-    faults = _array_faults("signature", descriptors.signature, np.float32, (None,))
-    fault = next(chain(faults, _descriptor_faults(descriptors.arrays)), None)
-    if fault is not None:
-        raise BadRecordError(f"not an embedding: {fault}")
+    _check(_array_faults("signature", descriptors.signature, *_ARRAYS["signature"]))
+    _check(_descriptor_faults(descriptors.arrays))
     return descriptors
 
 
@@ -117,24 +121,22 @@ def _faults(embedding: Embedding) -> Iterator[str]:
     )
     if not 1 <= m <= d:
         yield f"{d} points of {m} samples"
-    yield from _array_faults("positions", embedding.positions, np.float32, (m, 3))
-    yield from _array_faults("vertices", embedding.vertices, np.int32, (m,))
-    yield from _array_faults("graph_edges", embedding.graph_edges, np.int32, (e, 2))
-    yield from _array_faults("graph_lengths", embedding.graph_lengths, np.float32, (e,))
-    yield from _array_faults("tree_edges", embedding.tree_edges, np.int32, (m - 1, 2))
-    yield from _array_faults("regions", embedding.regions, np.int32, (d,))
-    yield from _array_faults("signature", embedding.signature, np.float32, (None,))
+    lengths = {"m": m, "e": e, "d": d, "m - 1": m - 1}
+    for name, (dtype, shape) in _ARRAYS.items():
+        wanted = tuple(lengths[length] if isinstance(length, str) else length for length in shape)
+        yield from _array_faults(name, getattr(embedding, name), dtype, wanted)
     for spectrum in embedding.spectra:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
         yield from _array_faults(f"{spectrum.name} coordinates", spectrum.coordinates, np.float32, (d, None))
     yield from _descriptor_faults(embedding.descriptors)
     yield from _orientation_faults(embedding, m)
-    for name, indices, end in (
-        ("vertices", embedding.vertices, embedding.facts.vertices),
-        ("graph_edges", embedding.graph_edges, m),
-        ("tree_edges", embedding.tree_edges, m),
-        ("regions", embedding.regions, m),
+    for name, end in (
+        ("vertices", embedding.facts.vertices),
+        ("graph_edges", m),
+        ("tree_edges", m),
+        ("regions", m),
     ):
+        indices = getattr(embedding, name)
         if indices.size and not (indices.min() >= 0 and indices.max() < end):
             yield f"{name} has an index out of range"
     if not np.array_equal(embedding.regions[:m], np.arange(m)):
@@ -170,7 +172,7 @@ def _orientation_faults(embedding: Embedding, m: int) -> Iterator[str]:
 
 
 def _array_faults(
-    name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[int | None, ...]
+    name: str, array: NDArray[Any], dtype: type[np.generic], shape: tuple[str | int | None, ...]
 ) -> Iterator[str]:
     """Yield faults of one array; None in the shape stands for any length above 0."""
     if array.dtype != dtype:

@@ -194,7 +194,7 @@ def correspond(
         scale = _scale(surfaces, (forward, backward))
     else:
         registered = _registered(first, second, samples, motion)
-        reversed_ = _registered(second, first, samples[::-1], _inverse(motion))
+        reversed_ = _registered(second, first, samples[::-1], motion.inverse)
         forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
         backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
         scale = motion.scale / same_units
@@ -276,11 +276,6 @@ def _registered(
         nearest=np.asarray(cKDTree(samples[1].to_unit(other.mesh.vertices)).query(closest)[1]),
         length=samples[0].unit / motion.scale,
     )
-
-
-def _inverse(motion: Similarity) -> Similarity:
-    scale = 1.0 / motion.scale
-    return Similarity(scale, motion.rotation.T, -scale * motion.shift @ motion.rotation)
 
 
 def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[_Partners, _Partners]) -> float:

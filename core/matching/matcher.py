@@ -4,9 +4,8 @@ from collections.abc import Iterable
 from typing import Any, Protocol, TypeVar
 
 from core.arrays import Int8s, Ints
-from core.embedding import Embedding, Scores
+from core.embedding import Embedding, Match, Scores
 from core.matching.procrustes import ProcrustesMatcher
-from core.matching.similarity import PairMatch
 from core.matching.tps_matcher import TpsMatcher
 from core.parameters import Parameters
 
@@ -43,9 +42,7 @@ class Matcher(Protocol[Shape]):
     def score(self, query: Shape, candidates: Iterable[Shape]) -> Scores:
         """Return CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""
 
-    def match(
-        self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s] | None = None
-    ) -> PairMatch:
+    def match(self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s] | None = None) -> Match:
         """Return the scores of two shapes and their correspondence.
 
         With the orientations of both embeddings, int8 of shapes (m, p) and (n, p), the correspondence

@@ -11,12 +11,12 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from core.arrays import Float32s, Floats, Int8s, Ints
-from core.embedding import Embedding, Scores
+from core.embedding import Embedding, Match, Scores
 from core.matching.kernels.match_record import MatchRecord, decoded, dequantised, encoded, precedes
 from core.matching.kernels.one_to_many import MATCH_RECORD
 from core.matching.match_records import compared, make_match_record, score_match_records, search_rounds
 from core.matching.oriented_map import CandidateMaps, candidate_maps
-from core.matching.similarity import EFFECTIVE, PairMatch
+from core.matching.similarity import EFFECTIVE
 from core.parameters import Parameters
 from core.spectral.orientation import ORIENTING
 
@@ -83,7 +83,7 @@ class ProcrustesMatcher:
 
     def match(
         self, first: Float32s, second: Float32s, orientations: tuple[Int8s, Int8s] | None = None
-    ) -> PairMatch:
+    ) -> Match:
         """Return the scores of two shapes, and one-to-one pairs of their samples.
 
         With orientations the pairs are those of a map that preserves orientation, if one fits about as well
@@ -104,8 +104,8 @@ class ProcrustesMatcher:
             rotation, mirrored = maps.rotations[0], maps.mirrored
         matches, distances, effective = one_to_one_pairs(x, y, rotation, same=same)
         cc, ssd, sim = scores[0].tolist()
-        pairs = np.stack([np.arange(len(matches)), matches], axis=1)
-        match = PairMatch(cc, ssd, sim, pairs, distances, effective, mirrored)
+        pairs = np.stack([np.arange(len(matches)), matches], axis=1).astype(np.int32)
+        match = Match(cc, ssd, sim, pairs, distances.astype(np.float32), effective, mirrored)
         return match.swapped() if order < 0 else match
 
     def candidates(

@@ -1,50 +1,12 @@
-"""SSD, CC and sim of matched points (Eqs. 18-20), and the match of one pair of shapes."""
-
-from dataclasses import dataclass, replace
+"""SSD, CC and sim of matched points (Eqs. 18-20)."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Floats, Ints
+from core.arrays import Floats
 
 EFFECTIVE = 0.05
 """gamma over the mean of the two clouds' mean radii (below Eq. 19)."""
-
-
-@dataclass(frozen=True, eq=False)
-class PairMatch:
-    """The match of one pair of shapes.
-
-    Attributes
-    ----------
-    cc, ssd, sim : float
-        As in `core.embedding.Scores`.
-    pairs : int64, shape (p, 2)
-        Pairs (sample of the first shape, sample of the second).
-    distances : float64, shape (p,)
-    effective : bool, shape (p,)
-        As in `core.embedding.Match`.
-    mirrored : bool or None
-        As in `core.embedding.Match`.
-    """
-
-    cc: float
-    ssd: float
-    sim: float
-    pairs: Ints
-    distances: Floats
-    effective: NDArray[np.bool_]
-    mirrored: bool | None = None
-
-    def swapped(self) -> "PairMatch":
-        """Return the same match seen from the other shape."""
-        order = np.lexsort((self.pairs[:, 0], self.pairs[:, 1]))
-        return replace(
-            self,
-            pairs=self.pairs[order][:, ::-1],
-            distances=self.distances[order],
-            effective=self.effective[order],
-        )
 
 
 def correlation(first: Floats, second: Floats) -> float:

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Int8s, Ints, Reals
-from core.embedding import Embedding, Scores
+from core.embedding import Embedding, Match, Scores
 from core.matching.similarity import (
-    PairMatch,
     correlation,
     effective_distance,
     effective_pairs,
@@ -203,11 +202,11 @@ class TpsMatcher:
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s], most: int
     ) -> tuple[list[Ints], bool | None]:
         """Return the pairs of `match` alone; neither orientations nor `most` are used."""
-        return [self.match(first, second).pairs], None
+        return [self.match(first, second).correspondence.astype(np.int64)], None
 
     def match(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s] | None = None
-    ) -> PairMatch:
+    ) -> Match:
         """Return the scores, and the pairs of the smaller cloud's samples in the first domain.
 
         Orientations are not used.
@@ -218,8 +217,8 @@ class TpsMatcher:
         backward = [self.match_one_way(*pair) for pair in zip(y.domains, x.domains, strict=True)]
         cc, ssd, sim = np.mean([match.scores for match in forward + backward], axis=0).tolist()
         shown = forward[0]
-        pairs = np.stack([np.arange(len(shown.matches)), shown.matches], axis=1)
-        match = PairMatch(cc, ssd, sim, pairs, shown.distances, shown.effective)
+        pairs = np.stack([np.arange(len(shown.matches)), shown.matches], axis=1).astype(np.int32)
+        match = Match(cc, ssd, sim, pairs, shown.distances.astype(np.float32), shown.effective)
         return match.swapped() if swapped else match
 
     def match_one_way(self, first: Domain, second: Domain) -> OneWayMatch:

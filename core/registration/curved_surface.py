@@ -10,10 +10,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Floats, Ints
+from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh, face_normals
 from core.sampling.triangle_tree import TriangleTree, triangle_tree
 
@@ -210,12 +209,8 @@ def _sums(groups: Ints, values: Floats, count: int = 0) -> Floats:
 
 def _handles(mesh: Mesh, edges: int) -> int:
     """Return the number of handles of a closed mesh, of all components together, by Euler's formula."""
-    pairs = mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]]
-    rows, columns = np.concatenate([pair.T for pair in pairs], axis=1)
-    size = len(mesh.vertices)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
-    components = int(connected_components(graph, directed=False, return_labels=False))
-    return components - (size - edges + len(mesh.faces)) // 2
+    components, _ = component_labels(len(mesh.vertices), mesh.faces)
+    return components - (len(mesh.vertices) - edges + len(mesh.faces)) // 2
 
 
 def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDArray[np.bool_]:
@@ -238,8 +233,7 @@ def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDAr
 
 def _regions(count: int, faces: Ints, others: Ints) -> Ints:
     """Return the connected components of triangles, by pairs of neighbours, shape (f,)."""
-    graph = coo_array((np.ones(len(faces)), (faces, others)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return component_labels(count, np.stack([faces, others], axis=1))[1]
 
 
 def _rounded(facets: Ints, facet: Ints, neighbour: Ints) -> NDArray[np.bool_]:
@@ -282,10 +276,8 @@ def corner_normals(
     corner_of = faces.ravel()
     crossed = corner_of[half_edge] == corner_of[twin]
     joined = np.where(crossed, twin, next_twin), np.where(crossed, next_twin, twin)
-    rows, columns = np.concatenate([half_edge, next_edge]), np.concatenate(joined)
-    size = 3 * len(faces)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
-    count, group = connected_components(graph, directed=False)
+    pairs = np.stack([np.concatenate([half_edge, next_edge]), np.concatenate(joined)], axis=1)
+    count, group = component_labels(3 * len(faces), pairs)
     sides = corners[:, [1, 2, 0]] - corners
     lengths = np.maximum(edge_lengths(corners), TINY)
     products = np.einsum("fcx,fcx->fc", sides, sides[:, [2, 0, 1]])

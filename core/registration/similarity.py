@@ -61,6 +61,12 @@ class Similarity:
         """Transform points, shape (n, 3)."""
         return np.asarray(self.scale * points @ self.rotation.T + self.shift)
 
+    @property
+    def inverse(self) -> "Similarity":
+        """The inverse transform."""
+        scale = 1.0 / self.scale
+        return Similarity(scale, self.rotation.T, -scale * self.shift @ self.rotation)
+
     def invert(self, points: Floats) -> Floats:
         """Transform points, shape (n, 3), by the inverse."""
         return np.asarray((points - self.shift) @ self.rotation / self.scale)

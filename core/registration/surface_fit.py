@@ -163,9 +163,7 @@ class LocalDeviation:
 
 def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> LocalDeviation:
     """Return the deviation under a transform of the first surface onto the second, both at unit area."""
-    back = Similarity(
-        1.0 / motion.scale, motion.rotation.T, -(motion.rotation.T @ motion.shift) / motion.scale
-    )
+    back = motion.inverse
     ahead, ahead_spans, ahead_regions = _one_way(first, second, motion)
     behind, behind_spans, behind_regions = _one_way(second, first, back)
     gaps, spans = np.concatenate([ahead, behind]), np.concatenate([ahead_spans, behind_spans])

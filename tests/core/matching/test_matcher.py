@@ -84,7 +84,7 @@ def prepared(request):
 def identical(one, other):
     return (
         (one.cc, one.ssd, one.sim) == (other.cc, other.ssd, other.sim)
-        and np.array_equal(one.pairs, other.pairs)
+        and np.array_equal(one.correspondence, other.correspondence)
         and np.array_equal(one.distances, other.distances)
         and np.array_equal(one.effective, other.effective)
     )
@@ -97,9 +97,9 @@ def test_both_ways_round_are_equal_to_the_bit(prepared):
             there = match(first, second, parameters)
             back = match(second, first, parameters)
             assert (there.cc, there.ssd, there.sim) == (back.cc, back.ssd, back.sim)
-            order = np.lexsort((back.pairs[:, 0], back.pairs[:, 1]))
-            other = np.lexsort((there.pairs[:, 1], there.pairs[:, 0]))
-            assert np.array_equal(there.pairs[other], back.pairs[order][:, ::-1])
+            order = np.lexsort((back.correspondence[:, 0], back.correspondence[:, 1]))
+            other = np.lexsort((there.correspondence[:, 1], there.correspondence[:, 0]))
+            assert np.array_equal(there.correspondence[other], back.correspondence[order][:, ::-1])
             assert np.array_equal(there.distances[other], back.distances[order])
             assert np.array_equal(there.effective[other], back.effective[order])
 
@@ -112,10 +112,12 @@ def test_scores_are_in_their_ranges_and_pairs_are_samples(prepared):
             assert -1.0 <= found.cc <= 1.0
             assert found.ssd >= 0.0
             assert 0.0 <= found.sim <= 1.0
-            assert len(found.pairs) == len(found.distances) == len(found.effective)
-            assert len(found.pairs) == min(samples(first, parameters), samples(second, parameters))
-            assert found.pairs.min() >= 0
-            assert (found.pairs.max(axis=0) < [samples(one, parameters) for one in (first, second)]).all()
+            assert len(found.correspondence) == len(found.distances) == len(found.effective)
+            assert len(found.correspondence) == min(samples(first, parameters), samples(second, parameters))
+            assert found.correspondence.min() >= 0
+            assert (
+                found.correspondence.max(axis=0) < [samples(one, parameters) for one in (first, second)]
+            ).all()
             assert (found.distances >= 0.0).all()
 
 
@@ -138,7 +140,7 @@ def test_a_shape_matches_itself_perfectly(prepared):
         assert found.cc == pytest.approx(1.0, abs=1e-6)
         assert found.ssd == pytest.approx(0.0, abs=1e-6)
         assert found.sim == pytest.approx(1.0, abs=1e-6)
-        assert (found.pairs[:, 0] == found.pairs[:, 1]).all()
+        assert (found.correspondence[:, 0] == found.correspondence[:, 1]).all()
         assert found.distances == pytest.approx(0.0, abs=1e-3)
 
 
@@ -146,7 +148,7 @@ def test_pairs_of_the_default_are_one_to_one():
     clouds = [ready(by_hand(DEFAULT, count, count), DEFAULT) for count in (30, 50, 50, 80)]
     for first in clouds:
         for second in clouds:
-            pairs = match(first, second, DEFAULT).pairs
+            pairs = match(first, second, DEFAULT).correspondence
             assert len(pairs) == min(samples(first, DEFAULT), samples(second, DEFAULT))
             assert len(np.unique(pairs[:, 0])) == len(np.unique(pairs[:, 1])) == len(pairs)
 
@@ -156,7 +158,7 @@ def test_effective_pairs_are_one_to_one(prepared):
     for first in clouds:
         for second in clouds:
             found = match(first, second, parameters)
-            kept = found.pairs[found.effective]
+            kept = found.correspondence[found.effective]
             assert len(np.unique(kept[:, 0])) == len(np.unique(kept[:, 1])) == len(kept)
 
 
@@ -174,7 +176,7 @@ def test_a_cloud_turned_over_and_in_another_order_is_found(seed):
     assert found.cc == pytest.approx(1.0, abs=1e-6)
     assert found.ssd == pytest.approx(0.0, abs=1e-6)
     assert found.sim == 1.0
-    assert (order[found.pairs[:, 1]] == found.pairs[:, 0]).all()
+    assert (order[found.correspondence[:, 1]] == found.correspondence[:, 0]).all()
 
 
 def test_part_of_a_cloud_is_found_in_the_whole():
@@ -184,7 +186,7 @@ def test_part_of_a_cloud_is_found_in_the_whole():
     for first, second, inner, outer in ((part, whole, 0, 1), (whole, part, 1, 0)):
         found = match(ready(first, DEFAULT), ready(second, DEFAULT), DEFAULT)
         assert found.cc > 0.97
-        assert (kept[found.pairs[:, inner]] == found.pairs[:, outer]).mean() > 0.95
+        assert (kept[found.correspondence[:, inner]] == found.correspondence[:, outer]).mean() > 0.95
 
 
 def test_one_correspondence_has_to_suit_every_domain():
