@@ -19,8 +19,8 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.errors import MeshError, ParameterError
-from core.gallery.collection import CLASSES, kind_of, placed
-from core.gallery.posing import DRAWS, BodyDraws, rotations, skinned, skinning_weights
+from core.gallery.collection import CLASSES, KINDS, placed
+from core.gallery.posing import BodyDraws, rotations, skinned, skinning_weights
 from core.gallery.solids import Field, rotation
 from core.gallery.surface import genus, surface
 from core.mesh.mesh import Mesh
@@ -123,12 +123,12 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation:
         raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")
     if body < 0:
         raise ParameterError(f"the body must be at least 0, not {body}")
+    kind = KINDS[label]
     for attempt in range(_ATTEMPTS):
         seeds = (crc32(label.encode()), body, attempt)
-        draws = BodyDraws(DRAWS[label], SeedSequence(seeds), None, variation)
-        parts = kind_of(label).build(draws)
+        parts = kind.build(BodyDraws(kind.draws, kind.rest, SeedSequence(seeds), None, variation))
         points, faces = surface(parts, vertices)
-        if genus(faces) == kind_of(label).handles:
+        if genus(faces) == kind.handles:
             solids = tuple(solid for part in parts for solid in part.fields)
             return Body(
                 label=label,
@@ -142,9 +142,10 @@ def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation:
 
 
 def _solids(body: Body, pose: int) -> list[Field]:
+    kind = KINDS[body.label]
     seeds = SeedSequence(body.seeds), SeedSequence([*body.seeds, pose])
-    draws = BodyDraws(DRAWS[body.label], *seeds, body.variation)
-    return [solid for part in kind_of(body.label).build(draws) for solid in part.fields]
+    draws = BodyDraws(kind.draws, kind.rest, *seeds, body.variation)
+    return [solid for part in kind.build(draws) for solid in part.fields]
 
 
 def individual_partners(first: Body, second: Body) -> Ints:

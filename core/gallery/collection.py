@@ -1,7 +1,7 @@
 """The classes of the gallery, and its shapes by class and pose."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from zlib import crc32
 
 import numpy as np
@@ -25,36 +25,45 @@ _ATTEMPTS = 25
 
 @dataclass(frozen=True)
 class Kind:
-    """The builder of a class, and the handles (genus) of its surface when no limbs touch."""
+    """A class.
+
+    Attributes
+    ----------
+    build : callable
+        Returns the parts of an individual in a pose, from random numbers.
+    draws : str
+        The letters of these numbers: see `core.gallery.posing`.
+    handles : int
+        The genus of the surface when no limbs touch.
+    rest : mapping of int to float
+        See `core.gallery.posing.BodyDraws`.
+    """
 
     build: Callable[[Generator], list[Part]]
+    draws: str
     handles: int = 0
+    rest: Mapping[int, float] = field(default_factory=dict)
 
 
-_KINDS = {
-    "bird": Kind(bird),
-    "chair": Kind(chair),
-    "cup": Kind(cup, handles=1),
-    "fish": Kind(fish),
-    "glasses": Kind(glasses, handles=2),
-    "hand": Kind(hand),
-    "octopus": Kind(octopus),
-    "person": Kind(person),
-    "plane": Kind(plane),
-    "pliers": Kind(pliers),
-    "quadruped": Kind(quadruped),
-    "snake": Kind(snake),
-    "spider": Kind(spider),
-    "teddy": Kind(teddy),
+KINDS = {
+    "bird": Kind(bird, "bbbpppp" + "bb" + "p" + "bbbpp" + "ppppm" + "ppppm"),
+    "chair": Kind(chair, "bbbbb" + "p" + "bbb" + "p"),
+    "cup": Kind(cup, "b" * 9, handles=1),
+    "fish": Kind(fish, "bb" + "p" * 7 + "bb" + "p" + "bb"),
+    "glasses": Kind(glasses, "bbbbb" + "p" + "pmm" + "pmm", handles=2),
+    "hand": Kind(hand, "bb", rest={5: 0.0}),
+    "octopus": Kind(octopus, "bb" + "pp" + "b" + "ppmppp" * 8),
+    "person": Kind(person, "b" * 5),
+    "plane": Kind(plane, "bbbbbb" + "p" + "b" * 5),
+    "pliers": Kind(pliers, "p" + "b" * 5),
+    "quadruped": Kind(quadruped, "bbb" + "pppp" + "b" + "pp" + "bb" + "p" * 12 + "b"),
+    "snake": Kind(snake, "bb", rest={3: 0.0, 7: 0.0}),
+    "spider": Kind(spider, "b" + "pp" + "bbbb"),
+    "teddy": Kind(teddy, "bb" + "ppp" + "b" + "ppmppppmp" * 2),
 }
 
-CLASSES: tuple[str, ...] = tuple(_KINDS)
+CLASSES: tuple[str, ...] = tuple(KINDS)
 """The class names, in the order of the gallery."""
-
-
-def kind_of(label: str) -> Kind:
-    """Return the builder of one of `CLASSES`."""
-    return _KINDS[label]
 
 
 def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
@@ -78,11 +87,11 @@ def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
     ParameterError
         An unknown class, or a negative pose or seed.
     """
-    if label not in _KINDS:
+    if label not in KINDS:
         raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")
     if pose < 0 or seed < 0:
         raise ParameterError(f"pose and seed must be at least 0, not {pose} and {seed}")
-    kind = _KINDS[label]
+    kind = KINDS[label]
     for attempt in range(_ATTEMPTS):
         # The class enters by its name, so that a class added later leaves the others as they are.
         rng = default_rng([seed, crc32(label.encode()), pose, attempt])

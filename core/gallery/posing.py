@@ -7,7 +7,6 @@ after the last letter are of the pose. Skinning moves a surface with its solids 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import PCG64, Generator, SeedSequence
@@ -23,40 +22,6 @@ _ROUNDS = 6
 """Rounds of averaging of the weights over neighbours: joints bend over a few edges and not over one."""
 
 
-@dataclass(frozen=True)
-class Draws:
-    """The random numbers of a class.
-
-    Attributes
-    ----------
-    kinds : str
-        One letter for each number, as the module describes.
-    rest : mapping of int to float
-        Values in the rest pose, by index, where the rule of `at_rest` would not separate the limbs.
-    """
-
-    kinds: str
-    rest: Mapping[int, float] = field(default_factory=dict)
-
-
-DRAWS: Mapping[str, Draws] = {
-    "bird": Draws("bbbpppp" + "bb" + "p" + "bbbpp" + "ppppm" + "ppppm"),
-    "chair": Draws("bbbbb" + "p" + "bbb" + "p"),
-    "cup": Draws("b" * 9),
-    "fish": Draws("bb" + "p" * 7 + "bb" + "p" + "bb"),
-    "glasses": Draws("bbbbb" + "p" + "pmm" + "pmm"),
-    "hand": Draws("bb", rest={5: 0.0}),
-    "octopus": Draws("bb" + "pp" + "b" + "ppmppp" * 8),
-    "person": Draws("b" * 5),
-    "plane": Draws("bbbbbb" + "p" + "b" * 5),
-    "pliers": Draws("p" + "b" * 5),
-    "quadruped": Draws("bbb" + "pppp" + "b" + "pp" + "bb" + "p" * 12 + "b"),
-    "snake": Draws("bb", rest={3: 0.0, 7: 0.0}),
-    "spider": Draws("b" + "pp" + "bbbb"),
-    "teddy": Draws("bb" + "ppp" + "b" + "ppmppppmp" * 2),
-}
-
-
 def at_rest(low: float, high: float) -> float:
     """Return a pose's number at rest: 0 if the range contains it, else the middle of the range."""
     return 0.0 if low < 0.0 < high else 0.5 * (low + high)
@@ -67,7 +32,10 @@ class BodyDraws(Generator):
 
     Parameters
     ----------
-    draws : Draws
+    kinds : str
+        One letter for each number, as the module describes.
+    rest : mapping of int to float
+        Values in the rest pose, by index, where the rule of `at_rest` would not separate the limbs.
     body : SeedSequence
     pose : SeedSequence, optional
         None gives the rest pose.
@@ -77,10 +45,15 @@ class BodyDraws(Generator):
     """
 
     def __init__(
-        self, draws: Draws, body: SeedSequence, pose: SeedSequence | None, variation: float | None = None
+        self,
+        kinds: str,
+        rest: Mapping[int, float],
+        body: SeedSequence,
+        pose: SeedSequence | None,
+        variation: float | None = None,
     ) -> None:
         super().__init__(PCG64(body))
-        self._draws = draws
+        self._kinds, self._rest = kinds, rest
         self._variation = variation
         self._pose = None if pose is None else Generator(PCG64(pose))
         self._index = 0
@@ -88,7 +61,7 @@ class BodyDraws(Generator):
     def uniform(self, low: float = 0.0, high: float = 1.0) -> float:  # type: ignore[override]
         """Return the next number, uniform in [low, high) unless the body has a variation."""
         index, self._index = self._index, self._index + 1
-        kind = self._draws.kinds[index] if index < len(self._draws.kinds) else "p"
+        kind = self._kinds[index] if index < len(self._kinds) else "p"
         if kind == "b" and self._variation is not None:
             return 0.5 * (low + high) * super().normal(1.0, self._variation)
         if kind == "b":
@@ -97,7 +70,7 @@ class BodyDraws(Generator):
             return 0.5 * (low + high)
         if self._pose is not None:
             return self._pose.uniform(low, high)
-        return self._draws.rest.get(index, at_rest(low, high))
+        return self._rest.get(index, at_rest(low, high))
 
 
 def skinning_weights(vertices: Floats, faces: Ints, solids: Sequence[Field]) -> Floats:

@@ -8,7 +8,7 @@ from core.errors import MeshError, ParameterError
 from core.evaluation.correspondence_errors import surface_distances
 from core.gallery import CLASSES, bodies
 from core.gallery.bodies import individual_partners, make_body, symmetries
-from core.gallery.posing import DRAWS, BodyDraws, Draws, at_rest, rotations, skinned, skinning_weights
+from core.gallery.posing import BodyDraws, at_rest, rotations, skinned, skinning_weights
 from core.gallery.solids import capsule, rotation
 from core.gallery.surface import genus
 from core.mesh.cleaning import face_areas
@@ -96,11 +96,10 @@ def test_the_same_arguments_give_the_same_bytes(made):
 
 
 def test_draws_of_the_body_the_pose_and_the_middle():
-    draws = Draws("bpm", rest={4: 7.0})
     ranges = [(0.0, 1.0), (-1.0, 3.0), (2.0, 4.0), (10.0, 20.0), (0.0, 1.0)]
 
     def drawn(body, pose):
-        stream = BodyDraws(draws, SeedSequence(body), None if pose is None else SeedSequence(pose))
+        stream = BodyDraws("bpm", {4: 7.0}, SeedSequence(body), None if pose is None else SeedSequence(pose))
         return [stream.uniform(*bounds) for bounds in ranges]
 
     rest, first, second, other = drawn(1, None), drawn(1, 2), drawn(1, 3), drawn(4, 2)
@@ -110,10 +109,6 @@ def test_draws_of_the_body_the_pose_and_the_middle():
     assert first[1] == other[1] != second[1]
     assert all(low <= value <= high for value, (low, high) in zip(first, ranges, strict=True))
     assert (at_rest(-1.0, 4.0), at_rest(1.0, 2.0), at_rest(0.0, 2.0)) == (0.0, 1.5, 1.0)
-
-
-def test_every_class_has_its_draws():
-    assert set(DRAWS) == set(CLASSES)
 
 
 def test_a_bone_takes_its_surface_along():
@@ -175,7 +170,7 @@ def test_individuals_of_small_variation_are_alike_and_not_equal():
 def test_a_variation_is_that_of_the_proportions():
     """Normal about the middle of the range, which a pose's numbers do not change."""
     seeds = [SeedSequence(number) for number in range(2000)]
-    draws = [BodyDraws(Draws("bp"), seed, SeedSequence(0), 0.05) for seed in seeds]
+    draws = [BodyDraws("bp", {}, seed, SeedSequence(0), 0.05) for seed in seeds]
     numbers = np.array([[one.uniform(1.0, 3.0), one.uniform(-1.0, 1.0)] for one in draws])
     assert numbers[:, 0].mean() == pytest.approx(2.0, abs=0.01)
     assert numbers[:, 0].std() == pytest.approx(0.1, rel=0.1)

@@ -127,7 +127,7 @@ def test_unknown_classes_and_negative_numbers_are_refused(wrong):
 
 
 def test_a_class_that_never_comes_out_sound_is_an_error(monkeypatch):
-    monkeypatch.setitem(collection._KINDS, "pliers", replace(collection._KINDS["pliers"], handles=3))
+    monkeypatch.setitem(collection.KINDS, "pliers", replace(collection.KINDS["pliers"], handles=3))
     with pytest.raises(MeshError, match="pliers"):
         make_shape("pliers", 0)
 
