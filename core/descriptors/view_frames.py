@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from core.arrays import Floats, Ints
 from core.errors import DegenerateMeshError
 from core.mesh.cleaning import bounds
+from core.mesh.normal_frame import second_moments
 from core.numerics.compilation import compiled, constant
 
 FRAMES = 3
@@ -84,7 +85,7 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     areas = lengths / lengths.sum()
     normals /= np.maximum(lengths, np.finfo(np.float64).tiny)[:, None]
     points -= areas @ middles
-    spread = _second_moments(points, faces, areas)
+    spread = second_moments(points, faces, areas)
     scale = np.sqrt(np.trace(spread))
     tilt = (normals * areas[:, None]).T @ normals
     points /= scale
@@ -137,27 +138,6 @@ def _is_round(normals: Floats, areas: Floats) -> bool:
     return bool(abs(areas @ (normals[:, 0] + 1j * normals[:, 1]) ** 4) < TIED)
 
 
-def _chunks(count: int) -> list[slice]:
-    """Return slices of `CHUNK` faces."""
-    return [slice(start, start + CHUNK) for start in range(0, count, CHUNK)]
-
-
-def _second_moments(points: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Compute the integral of x x^T over the surface, shape (3, 3): closed form over each triangle."""
-    moments = np.zeros((3, 3))
-    for chunk in _chunks(len(faces)):
-        corners = points[faces[chunk]]
-        sums = _corner_sums(corners)
-        weighted = (corners * areas[chunk, None, None]).reshape(-1, 3)
-        moments += weighted.T @ corners.reshape(-1, 3) + (sums * areas[chunk, None]).T @ sums
-    return moments / 12.0
-
-
-def _corner_sums(corners: Floats) -> Floats:
-    """Return sums over the three corners, shape (f, 3), in a quarter of the time of `sum`."""
-    return np.asarray(corners[:, 0] + corners[:, 1] + corners[:, 2])
-
-
 def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> Floats:
     """Find axes, rows, that maximise the integral of the sum of (n . axis)^4, from the better of the starts.
 
@@ -165,7 +145,8 @@ def _rectilinear(normals: Floats, areas: Floats, starts: tuple[Floats, ...]) -> 
     Comon, "Independent component analysis, a new concept?", Signal Processing 36, 1994).
     """
     moments = np.zeros((9, 9))
-    for chunk in _chunks(len(normals)):
+    for low in range(0, len(normals), CHUNK):
+        chunk = slice(low, low + CHUNK)
         pairs = np.einsum("fi,fj->fij", normals[chunk], normals[chunk]).reshape(-1, 9)
         moments += (pairs * areas[chunk, None]).T @ pairs
     best_value, best_axes = -np.inf, starts[0]

@@ -5,10 +5,11 @@ from scipy.sparse import coo_array, csr_array
 
 from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
-from core.mesh.edges import HalfEdges, edge_lengths, edge_order, half_edges, starts_of
+from core.mesh.edges import HalfEdges, edge_lengths, half_edges, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
 from core.numerics.compilation import compiled, constant
+from core.numerics.radix_sort import lexical_order
 
 MOST_FACES = 6
 """Edges with more faces than this get no diagonals."""
@@ -112,7 +113,7 @@ def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
         Number of vertices.
     """
     low, high = np.minimum(*edges.T), np.maximum(*edges.T)
-    order = edge_order(low, high)
+    order = lexical_order(low, high)
     low, high = low[order], high[order]
     first = np.flatnonzero(starts_of(low, high))
     low, high, lengths = low[first], high[first], np.minimum.reduceat(lengths[order], first)

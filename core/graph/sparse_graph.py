@@ -95,35 +95,11 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
     )
 
 
-def graph_distances(graph: SparseGraph, count: int) -> Floats:
-    """Return the path lengths between the samples along the sparse graph, shape (m, m).
-
-    Parameters
-    ----------
-    graph : SparseGraph
-    count : int
-        Number of samples m.
-    """
-    return np.asarray(dijkstra(symmetric(graph.edges, graph.lengths, count)))
-
-
-def tree_distances(graph: SparseGraph, count: int) -> Floats:
-    """Return path lengths between the samples along the minimum spanning tree (the paper), shape (m, m).
-
-    Parameters
-    ----------
-    graph : SparseGraph
-    count : int
-        Number of samples m.
-    """
-    tree = symmetric(graph.edges[graph.tree], graph.lengths[graph.tree], count)
-    return np.asarray(dijkstra(tree))
-
-
 def sample_distances(graph: csr_array, points: Ints, samples: Ints, sparse: SparseGraph, kind: str) -> Floats:
     """Return the distances from the d points to the m samples, shape (d, m).
 
-    Distances along the minimum spanning tree or the sparse graph exist between samples only (d = m).
+    Distances along the minimum spanning tree (the paper) or the sparse graph exist between samples only
+    (d = m).
 
     Parameters
     ----------
@@ -143,5 +119,5 @@ def sample_distances(graph: csr_array, points: Ints, samples: Ints, sparse: Spar
         core = between[: len(samples)]
         core[:] = np.minimum(core, core.T)
         return between
-    along = tree_distances if kind == "tree" else graph_distances
-    return along(sparse, len(samples))
+    kept = sparse.tree if kind == "tree" else slice(None)
+    return np.asarray(dijkstra(symmetric(sparse.edges[kept], sparse.lengths[kept], len(samples))))

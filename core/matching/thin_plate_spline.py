@@ -1,4 +1,4 @@
-"""The thin-plate spline, Eqs. 14-16, and its linear operators at its own points."""
+"""The linear operators of thin-plate splines at their own points, Eqs. 14-16."""
 
 import math
 
@@ -30,12 +30,13 @@ def mean_pair_distance(points: Floats) -> float:
     return float(distances.sum()) / (count * (count - 1))
 
 
-class ThinPlateSpline:
-    """The spline on fixed source points: factored once, then fitted to any targets.
+def smoother(source: Floats, beta: float) -> Floats:
+    """Return S, shape (m, m): S @ targets are the values at the source points of the spline to the targets.
 
     Eq. 16 with the beta that it omits: [K + beta I, P; P^T, 0] [w; t] = [targets; 0], P = [1, source]. The
     null-space form is solved: w = Q2 (Q2^T (K + beta I) Q2)^-1 Q2^T targets, Q2 an orthonormal basis of the
-    vectors that P^T takes to zero, so that the affine part is exact whatever beta is.
+    vectors that P^T takes to zero, so that the affine part is exact whatever beta is. The values K w + P t
+    are targets - beta w.
 
     Parameters
     ----------
@@ -48,55 +49,23 @@ class ThinPlateSpline:
     ParameterError
         Beta is negative or there are too few points, or beta is 0 and points coincide.
     """
-
-    def __init__(self, source: Floats, beta: float) -> None:
-        count, dimensions = source.shape
-        if not beta >= 0.0:
-            raise ParameterError(f"beta must not be negative, but is {beta}")
-        if count < dimensions + 2:
-            raise ParameterError(f"a spline in {dimensions} dimensions needs {dimensions + 2} points")
-        if beta == 0.0 and len(np.unique(source, axis=0)) < count:
-            raise ParameterError("points coincide, so beta must be positive")
-        self.source = source
-        self.beta = beta
-        affine = np.concatenate([np.ones((count, 1)), source], axis=1)
-        basis, upper = np.linalg.qr(affine, mode="complete")
-        self._affine = basis[:, : dimensions + 1]
-        self._upper = upper[: dimensions + 1]
-        self._bending = basis[:, dimensions + 1 :]
-        self._kernel = tps_kernel(source, source)
-        inner = self._bending.T @ self._kernel @ self._bending
-        inner[np.diag_indices_from(inner)] += beta
-        try:
-            self._factor = cho_factor(0.5 * (inner + inner.T), check_finite=False)
-        except LinAlgError as error:
-            raise ParameterError("points nearly coincide, so beta must be larger") from error
-
-    def fit(self, targets: Floats) -> tuple[Floats, Floats]:
-        """Return the coefficients of Eq. 15 for targets of shape (m, d).
-
-        Returns
-        -------
-        float64, shape (m, d)
-            w, the warping coefficients.
-        float64, shape (k + 1, d)
-            t, the affine part; its first row is the translation.
-        """
-        w = self._bending @ cho_solve(self._factor, self._bending.T @ targets, check_finite=False)
-        rest = self._affine.T @ (targets - self._kernel @ w)
-        return w, np.asarray(np.linalg.lstsq(self._upper, rest, rcond=None)[0])
-
-    def transform(self, points: Floats, w: Floats, t: Floats) -> Floats:
-        """Return the values of g (Eq. 15) at points of shape (n, k): shape (n, d)."""
-        return np.asarray(t[0] + points @ t[1:] + tps_kernel(points, self.source) @ w)
-
-    def smoother(self) -> Floats:
-        """Return S, shape (m, m), with g(source) = S targets: one small product is an iteration's whole warp.
-
-        At the source points K w + P t = targets - beta w, so S = I - beta Q2 (Q2^T (K + beta I) Q2)^-1 Q2^T.
-        """
-        warping = self._bending @ cho_solve(self._factor, self._bending.T, check_finite=False)
-        return np.asarray(np.eye(len(self.source)) - self.beta * warping)
+    count, dimensions = source.shape
+    if not beta >= 0.0:
+        raise ParameterError(f"beta must not be negative, but is {beta}")
+    if count < dimensions + 2:
+        raise ParameterError(f"a spline in {dimensions} dimensions needs {dimensions + 2} points")
+    if beta == 0.0 and len(np.unique(source, axis=0)) < count:
+        raise ParameterError("points coincide, so beta must be positive")
+    affine = np.concatenate([np.ones((count, 1)), source], axis=1)
+    bending = np.linalg.qr(affine, mode="complete")[0][:, dimensions + 1 :]
+    inner = bending.T @ tps_kernel(source, source) @ bending
+    inner[np.diag_indices_from(inner)] += beta
+    try:
+        factor = cho_factor(0.5 * (inner + inner.T), check_finite=False)
+    except LinAlgError as error:
+        raise ParameterError("points nearly coincide, so beta must be larger") from error
+    warping = bending @ cho_solve(factor, bending.T, check_finite=False)
+    return np.asarray(np.eye(count) - beta * warping)
 
 
 def spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Float32s:
@@ -119,7 +88,7 @@ def spline_operators(points: Floats, first_dimensions: int, stiffness: float) ->
     """
     beta = stiffness * mean_pair_distance(points)
     stages = range(first_dimensions, points.shape[1] + 1)
-    return np.stack([ThinPlateSpline(points[:, :k], beta).smoother() for k in stages]).astype(np.float32)
+    return np.stack([smoother(points[:, :k], beta) for k in stages]).astype(np.float32)
 
 
 def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Floats:

@@ -5,6 +5,7 @@ Its search in plain NumPy is also the reference of `core.matching.kernels.spline
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,18 +151,10 @@ class Domains:
         return sum(domain.points.nbytes + domain.operators.nbytes for domain in self.domains)
 
 
-@dataclass(frozen=True, eq=False)
-class OneWayMatch:
-    """The match from one domain's samples to another's.
+class OneWayMatch(NamedTuple):
+    """CC, SSD and sim of the warped points of one domain, with their nearest neighbours, shape (m,).
 
-    Attributes
-    ----------
-    scores : tuple of float
-        CC, SSD and sim of the warped points and their nearest neighbours.
-    matches : int64, shape (m,)
-    distances : float64, shape (m,)
-    effective : bool, shape (m,)
-        See `core.matching.similarity.effective_pairs`.
+    See `core.matching.similarity.effective_pairs` for the distances and the effective pairs.
     """
 
     scores: tuple[float, float, float]

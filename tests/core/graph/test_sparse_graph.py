@@ -10,7 +10,7 @@ from scipy.spatial.distance import cdist
 from core.graph.bridges import bridges
 from core.graph.edge_graph import diagonals, edge_graph
 from core.graph.geodesics import geodesic_distances
-from core.graph.sparse_graph import graph_distances, sparse_graph, tree_distances
+from core.graph.sparse_graph import sample_distances, sparse_graph
 from core.mesh.cleaning import clean
 from core.mesh.edges import component_labels, half_edges
 from core.mesh.mesh import Mesh
@@ -63,7 +63,7 @@ def test_tree_spans_the_samples_with_edges_of_their_graph(graphs, name):
     assert (edges[:, 0] < edges[:, 1]).all()
     assert (np.diff(edges[:, 0] * len(samples) + edges[:, 1]) > 0).all()
     assert len(np.unique(sparse.tree)) == len(samples) - 1
-    assert np.isfinite(tree_distances(sparse, len(samples))).all()
+    assert np.isfinite(sample_distances(graph, samples, samples, sparse, "tree")).all()
 
 
 @pytest.mark.parametrize("name", ["hand", "soup", "sphere"])
@@ -71,8 +71,9 @@ def test_distances_from_the_mesh_to_the_tree_only_grow(graphs, name):
     graph, samples = graphs[name]
     sparse = sparse_graph(graph, samples)
     over_mesh = geodesic_distances(graph, samples)
-    over_graph = graph_distances(sparse, len(samples))
-    over_tree = tree_distances(sparse, len(samples))
+    over_graph, over_tree = (
+        sample_distances(graph, samples, samples, sparse, kind) for kind in ("graph", "tree")
+    )
     assert (over_mesh == over_mesh.T).all()
     assert (over_mesh <= over_graph + 1e-12).all()
     assert (over_graph <= over_tree + 1e-12).all()

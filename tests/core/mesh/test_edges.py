@@ -10,7 +10,6 @@ from core.mesh.edges import (
     boundary_half_edges,
     boundary_loops,
     component_labels,
-    edge_order,
     half_edges,
 )
 from core.mesh.mesh import Mesh
@@ -51,13 +50,6 @@ def test_parts_of_triangles_drawn_at_random(triangles):
     faces = np.random.default_rng(triangles).integers(0, 200, size=(triangles, 3))
     for ours, theirs in zip(component_labels(200, faces), scipys(200, faces), strict=True):
         np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.parametrize("count", [0, 1, 500])
-def test_edges_are_in_lexical_order(count):
-    """Of 20 vertices: most edges occur several times, and some have both ends at one vertex."""
-    ends = np.sort(np.random.default_rng(count).integers(20, size=(count, 2)), axis=1)
-    np.testing.assert_array_equal(edge_order(ends[:, 0], ends[:, 1]), np.lexsort((ends[:, 1], ends[:, 0])))
 
 
 def walked(edges):
