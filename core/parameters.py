@@ -24,6 +24,14 @@ Power = Annotated[float, Field(ge=0.0, le=4.0)]
 Stiffness = Annotated[float, Field(gt=0.0, lt=1e12)]
 SignatureLength = Annotated[int, Field(ge=0, le=100)]
 
+INCOMPLETE = 0.03
+"""A surface with a larger boundary ratio counts as incomplete.
+
+The value comes from every fourth model of the Princeton Segmentation Benchmark, all closed. With a part of
+10 % of the area cut away, 83 % of the models exceed it; with 20 %, 98 %; with 30 %, all. With five holes of
+0.2 % of the area together, 2 % exceed it; with 1 % together, 8 %.
+"""
+
 
 class Group(BaseModel):
     """A frozen group of parameters. Types are exact: no number is read from text, and none is infinite."""

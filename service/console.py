@@ -1,6 +1,6 @@
 """The output of commands: results on standard output, messages on standard error."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import NoReturn
 
 import typer
@@ -73,6 +73,12 @@ def progress() -> Progress:
         transient=True,
         disable=not console.is_terminal,
     )
+
+
+def counted(bar: Progress, description: str, total: int) -> Callable[[int], None]:
+    """Add a task to a progress bar, and return a function that advances it by a number of steps."""
+    task = bar.add_task(description, total=total)
+    return lambda count: bar.advance(task, count)
 
 
 def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -> Table:

@@ -27,14 +27,7 @@ from core.descriptors.spin_images import (
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import boundary_edges
 from core.mesh.mesh import Mesh
-
-INCOMPLETE = 0.03
-"""A surface with a larger boundary ratio counts as incomplete.
-
-The value comes from every fourth model of the Princeton Segmentation Benchmark, all closed. With a part of
-10 % of the area cut away, 83 % of the models exceed it; with 20 %, 98 %; with 30 %, all. With five holes of
-0.2 % of the area together, 2 % exceed it; with 1 % together, 8 %.
-"""
+from core.parameters import INCOMPLETE
 
 MISSING_SHARES = (0.0, 0.15, 0.3, 0.5, 0.7)
 """Shares of the whole's area that may be missing."""

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats
 from core.descriptors.facts import intrinsic_reliability
-from core.descriptors.partial import INCOMPLETE, ROW_COUNTS, ROW_LENGTH, describe, whole_distances
+from core.descriptors.partial import ROW_COUNTS, ROW_LENGTH, describe, whole_distances
 from core.descriptors.views import VIEW_BYTES, view_descriptor, view_distance
 from core.embedding import Embedding
 from core.mesh.mesh import Mesh
+from core.parameters import INCOMPLETE
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import search_calls
-from service.client.search_calls import Compared
+from service.client import calls
+from service.client.calls import Compared
 from service.console import fail, output, progress, say, table
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.compare_schemas import CompareAnswer
@@ -43,11 +43,11 @@ def compare_command(
     with service_at(url, key, collection, new=True) as client:
         answer = client.compare(*pair)
         if out is not None:
-            out.write_bytes(client.send(search_calls.dense_file(*pair, "npz")))
+            out.write_bytes(client.send(calls.dense_file(*pair, "npz")))
             say(f"wrote {out}")
             if picture:
                 drawn = out.with_suffix(".png")
-                drawn.write_bytes(client.send(search_calls.dense_file(*pair, "png", paint)))
+                drawn.write_bytes(client.send(calls.dense_file(*pair, "png", paint)))
                 say(f"wrote {drawn}")
     if as_json:
         typer.echo(json.dumps(answer.model_dump(mode="json", exclude_none=True)))

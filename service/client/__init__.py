@@ -34,6 +34,6 @@ __all__ = [
     "UnexpectedAnswerError",
     "UnreachableError",
     "Upload",
+    "calls",
     "concurrent_uploads",
-    "search_calls",
 ]

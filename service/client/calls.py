@@ -1,9 +1,11 @@
-"""The calls on stored shapes, bulk jobs, collections and the service itself."""
+"""The calls of the clients: on stored shapes, searches, bulk jobs, collections and the service itself."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypedDict, Unpack
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypedDict, TypeVar, Unpack
 
 import httpx
 from pydantic import JsonValue
@@ -24,13 +26,17 @@ from service.client.requests import (
 from service.collections.schemas import Collection, Collections
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
-from service.search.schemas import MapAnswer
+from service.search.compare_schemas import CompareAnswer
+from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.records import Sort
 from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Version
 
-LONGEST_PAGE = 500
-"""The most items on one page."""
+P = ParamSpec("P")
+T = TypeVar("T")
+
+Compared = str | Path | tuple[str, bytes]
+"""A shape to compare: the id of a stored shape, or a file as its path or as its name and bytes."""
 
 
 class Filters(TypedDict, total=False):
@@ -96,10 +102,7 @@ def page(
 
 def shapes(*, sort: Sort = "oldest", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
     """Get all stored shapes that pass the filters, page by page."""
-    return pages(
-        lambda cursor: page(sort=sort, limit=LONGEST_PAGE, cursor=cursor, **filters),
-        lambda answer: answer.shapes,
-    )
+    return pages("/shapes", ShapePage, lambda answer: answer.shapes, sort=sort, **_filtered(filters))
 
 
 def shape(shape_id: str) -> Call[Shape]:
@@ -161,10 +164,7 @@ def delete(shape_id: str, *, permanent: bool = False) -> Call[None]:
 
 def deleted() -> Call[Step[DeletedShape]]:
     """List the deleted shapes that can be restored, the first deleted first."""
-    return pages(
-        lambda cursor: Call("GET", "/deleted", parsed(DeletedShapePage), params=_at(cursor)),
-        lambda answer: answer.shapes,
-    )
+    return pages("/deleted", DeletedShapePage, lambda answer: answer.shapes)
 
 
 def restore(shape_id: str) -> Call[Shape]:
@@ -175,6 +175,75 @@ def restore(shape_id: str) -> Call[Shape]:
 def purge(shape_id: str) -> Call[None]:
     """Delete a deleted shape permanently."""
     return Call("DELETE", f"/deleted/{segment(shape_id)}", nothing)
+
+
+def _with_search_options(make: Callable[P, Call[QueryAnswer]]) -> Callable[P, Call[QueryAnswer]]:
+    """Give a call the signature with the options of `SearchOptions`, which it passes on as they are given."""
+    *parameters, _ = signature(make).parameters.values()
+    options = [
+        Parameter(name, Parameter.KEYWORD_ONLY, annotation=field.annotation, default=field.get_default())
+        for name, field in SearchOptions.model_fields.items()
+    ]
+    make.__dict__["__signature__"] = Signature([*parameters, *options], return_annotation=Call[QueryAnswer])
+    return make
+
+
+@_with_search_options
+def query_file(file: File, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
+    """Find the stored shapes most similar to a file.
+
+    The options are those of `service.search.schemas.SearchOptions`; metadata may be a mapping.
+    """
+    return Call("POST", "/query", parsed(QueryAnswer), data=_texts(_checked(options)), files={"file": file})
+
+
+@_with_search_options
+def similar(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
+    """Find the stored shapes most similar to a stored shape; the options are part of the address."""
+    path = f"/shapes/{segment(shape_id)}/similar"
+    return Call("GET", path, parsed(QueryAnswer), params=_texts(_checked(options)))
+
+
+@_with_search_options
+def query_shape(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
+    """Return the answer of `similar`; the options are in the body, so a long list of ids fits."""
+    return Call("POST", "/query", parsed(QueryAnswer), json={"shape_id": shape_id, **_checked(options)})
+
+
+def compare(first: Compared, second: Compared, *, dense: bool = False) -> Call[CompareAnswer]:
+    """Compare two shapes point by point, with `dense` vertex by vertex.
+
+    A text is the id of a stored shape; a `Path`, or a name with bytes, is a file.
+    """
+    return _compared(first, second, parsed(CompareAnswer), {"dense": True} if dense else {}, {})
+
+
+def dense_file(
+    first: Compared,
+    second: Compared,
+    format: Literal["npz", "glb", "png"],
+    paint: Literal["correspondence", "difference"] = "correspondence",
+) -> Call[bytes]:
+    """Return the dense correspondence of two shapes as a NumPy archive, a GLB or a picture."""
+    params: dict[str, str] = {"format": format, "paint": paint}
+    return _compared(first, second, content, {"dense": True}, params)
+
+
+def _compared(
+    first: Compared,
+    second: Compared,
+    read: Callable[[httpx.Response], T],
+    options: dict[str, bool],
+    params: dict[str, str],
+) -> Call[T]:
+    """Send JSON with two ids, or a form if one of the shapes is a file."""
+    shapes = {"first": first, "second": second}
+    files = {name: shape for name, shape in shapes.items() if not isinstance(shape, str)}
+    ids = {name: shape for name, shape in shapes.items() if isinstance(shape, str)}
+    if not files:
+        return Call("POST", "/compare", read, params=params, json={**ids, **options})
+    fields = {name: _field(value) for name, value in options.items()}
+    return Call("POST", "/compare", read, params=params, data={**ids, **fields}, files=files)
 
 
 def duplicates(
@@ -221,24 +290,14 @@ def follow_job(job_id: str, *, seconds: float = 1.0) -> Call[Step[Job]]:
 
 def jobs() -> Call[Step[Job]]:
     """List the jobs that run or ended in the last days, the latest first."""
-    return pages(
-        lambda cursor: Call("GET", "/jobs", parsed(JobPage), params=_at(cursor)), lambda answer: answer.jobs
-    )
+    return pages("/jobs", JobPage, lambda answer: answer.jobs)
 
 
 def job_files(
     job_id: str, *, outcome: Literal["stored", "present", "refused"] | None = None
 ) -> Call[Step[JobFile]]:
     """List the files of a job's archive with their outcomes, in the order of the archive."""
-    return pages(
-        lambda cursor: Call(
-            "GET",
-            f"{_job(job_id)}/files",
-            parsed(JobFilePage),
-            params=_at(cursor) | given(outcome=outcome),
-        ),
-        lambda answer: answer.files,
-    )
+    return pages(f"{_job(job_id)}/files", JobFilePage, lambda answer: answer.files, outcome=outcome)
 
 
 def cancel_job(job_id: str) -> Call[Job]:
@@ -279,11 +338,6 @@ def _job(job_id: str) -> str:
     return f"/jobs/{segment(job_id)}"
 
 
-def _at(cursor: str | None) -> dict[str, Any]:
-    """Return the parameters of a page."""
-    return given(limit=LONGEST_PAGE, cursor=cursor)
-
-
 def _described(
     name: str | None, tags: Sequence[str], metadata: Mapping[str, JsonValue] | None
 ) -> dict[str, str | list[str]]:
@@ -299,3 +353,35 @@ def _filtered(filters: Filters) -> dict[str, Any]:
     """Return the parameters of the filters."""
     lists = {"tag": list(filters.get("tag", ())), "metadata": conditions(filters.get("metadata", ()))}
     return given(**{**filters, **lists})
+
+
+def _checked(options: dict[str, Any]) -> dict[str, Any]:
+    """Return options of a search, each sequence as a list.
+
+    Raises
+    ------
+    TypeError
+        An option is unknown.
+    """
+    unknown = options.keys() - SearchOptions.model_fields.keys()
+    if unknown:
+        raise TypeError(f"a search has no option {min(unknown)!r}")
+    if "metadata" in options:
+        options["metadata"] = conditions(options["metadata"])
+    return {
+        name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
+        for name, value in options.items()
+    }
+
+
+def _texts(options: dict[str, Any]) -> dict[str, str | list[str]]:
+    return {name: _field(value) for name, value in options.items()}
+
+
+def _field(value: object) -> str | list[str]:
+    """Return a query option as the text of a form field or query parameter; a list repeats the field."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return list(value)
+    return str(value)

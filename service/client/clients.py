@@ -7,12 +7,11 @@ from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import ExitStack
 from functools import update_wrapper
 from itertools import count
-from types import TracebackType
 from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
 
 import httpx
 
-from service.client import calls, search_calls
+from service.client import calls
 from service.client.requests import (
     NO_ANSWER,
     TIMEOUT,
@@ -74,6 +73,16 @@ def _bound(make: Callable[..., Any], send: Callable[[Any], Any]) -> Callable[...
     return method
 
 
+def _opened(
+    kind: Callable[..., T], url: str, key: str | None, collection: str | None, **options: object
+) -> T:
+    """Return a client of httpx; an address that is none is an UnreachableError."""
+    try:
+        return kind(base_url=url, headers=headers_with(key, collection), **options)
+    except httpx.InvalidURL as error:
+        raise UnreachableError(f"{url!r} is not an address: {error}") from error
+
+
 class _Methods:
     """The methods of both clients."""
 
@@ -92,10 +101,10 @@ class _Methods:
     deleted = _Series(calls.deleted)
     restore = _Method(calls.restore)
     purge = _Method(calls.purge)
-    query_file = _Method(search_calls.query_file)
-    similar = _Method(search_calls.similar)
-    query_shape = _Method(search_calls.query_shape)
-    compare = _Method(search_calls.compare)
+    query_file = _Method(calls.query_file)
+    similar = _Method(calls.similar)
+    query_shape = _Method(calls.query_shape)
+    compare = _Method(calls.compare)
     duplicates = _Method(calls.duplicates)
     similarity_map = _Method(calls.similarity_map)
     send_archive = _Method(calls.send_archive)
@@ -147,22 +156,13 @@ class Client(_Methods):
         transport: httpx.BaseTransport | None = None,
         timeout: httpx.Timeout = TIMEOUT,
     ) -> None:
-        headers = headers_with(key, collection)
-        try:
-            self._http = httpx.Client(base_url=url, headers=headers, transport=transport, timeout=timeout)
-        except httpx.InvalidURL as error:
-            raise UnreachableError(f"{url!r} is not an address: {error}") from error
         self.url = url
+        self._http = _opened(httpx.Client, url, key, collection, transport=transport, timeout=timeout)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -217,24 +217,13 @@ class AsyncClient(_Methods):
         transport: httpx.AsyncBaseTransport | None = None,
         timeout: httpx.Timeout = TIMEOUT,
     ) -> None:
-        headers = headers_with(key, collection)
-        try:
-            self._http = httpx.AsyncClient(
-                base_url=url, headers=headers, transport=transport, timeout=timeout
-            )
-        except httpx.InvalidURL as error:
-            raise UnreachableError(f"{url!r} is not an address: {error}") from error
         self.url = url
+        self._http = _opened(httpx.AsyncClient, url, key, collection, transport=transport, timeout=timeout)
 
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         await self.close()
 
     async def close(self) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 from urllib.parse import quote
 
 import httpx
@@ -13,7 +13,9 @@ from pydantic import BaseModel, JsonValue, ValidationError
 from service.collection import is_name
 from service.errors import ExpectedError
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
+from service.jobs.schemas import JobFilePage, JobPage
 from service.shapes.fields import plain_values
+from service.shapes.schemas import DeletedShapePage, ShapePage
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
@@ -24,7 +26,10 @@ Conditions = Mapping[str, JsonValue] | Sequence[str]
 T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
-APage = TypeVar("APage", bound="Page")
+PageModel = TypeVar("PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage)
+
+LONGEST_PAGE = 500
+"""The most items on one page."""
 
 COLLECTION = "Isoshape-Collection"
 """The header that names the collection of a call."""
@@ -82,21 +87,10 @@ class ProblemError(ClientError):
 
 @dataclass(frozen=True)
 class Call(Generic[T]):
-    """A request and the function that reads its answer.
+    """A request, and the function that reads its successful answer.
 
-    Attributes
-    ----------
-    method, path : str
-    read : callable
-        Takes a successful answer; its result is returned.
-    params, data, headers : dict
-        The parameters of the address, the fields of the form and the headers.
-    json : object
-        The JSON body, if any.
-    files : dict
-        The files of the form by the names of their fields.
-    streamed : bool
-        Whether files are sent in pieces, because they may be too large for memory.
+    `params` are those of the address, `data` and `files` the fields and the files of a form, `json` another
+    body. If `streamed`, files are sent in pieces, because they may be too large for memory.
     """
 
     method: str
@@ -147,23 +141,16 @@ class Step(Generic[T]):
     seconds: float = 0.0
 
 
-class Page(Protocol):
-    """A page of items, and the cursor of the next page."""
-
-    @property
-    def next_cursor(self) -> str | None:
-        """None on the last page."""
-
-
 def pages(
-    page_at: Callable[[str | None], Call[APage]], items: Callable[[APage], Sequence[T]]
+    path: str, model: type[PageModel], items: Callable[[PageModel], Sequence[T]], **params: object
 ) -> Call[Step[T]]:
-    """Return the series of the items of all pages, from the call of a page by its cursor."""
+    """Return the series of the items of all pages at an address, with these parameters."""
 
     def after(cursor: str | None) -> Call[Step[T]]:
-        return page_at(cursor).then(step)
+        asked = given(limit=LONGEST_PAGE, cursor=cursor, **params)
+        return Call("GET", path, parsed(model), params=asked).then(step)
 
-    def step(page: APage) -> Step[T]:
+    def step(page: PageModel) -> Step[T]:
         return Step(items(page), None if page.next_cursor is None else after(page.next_cursor))
 
     return after(None)
@@ -203,11 +190,6 @@ def given(**values: object) -> dict[str, Any]:
 def conditions(metadata: Conditions) -> list[str]:
     """Return conditions on metadata in the form key=value, which the service compares with stored values.
 
-    Parameters
-    ----------
-    metadata : mapping or sequence of str
-        Keys with the values that shapes were uploaded with, or conditions that are already written.
-
     Raises
     ------
     ClientError
@@ -244,11 +226,7 @@ def pause(answer: httpx.Response, attempt: int) -> float | None:
 
     The wait is the one that the service asks for, doubled with each attempt, so that many clients spread out.
 
-    Parameters
-    ----------
-    answer : httpx.Response
-    attempt : int
-        The number of attempts before this one.
+    `attempt` is the number of attempts before this one.
 
     Raises
     ------

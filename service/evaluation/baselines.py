@@ -13,12 +13,10 @@
 Libraries are imported where they are used: two of them are optional, and all are slow to import.
 """
 
-import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from importlib.util import find_spec
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -38,7 +36,7 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
 from core.mesh.subdivision import refine
 from core.sampling.surface_samples import evenly_spread
-from service.evaluation.pairwise_scores import Done, reason, stored
+from service.evaluation.pairwise_scores import Done, in_order, loaded, reason, stored
 
 Description = NDArray[Any]
 """The description of a shape; the method determines its type and dimensions."""
@@ -60,13 +58,8 @@ D2_POINTS, BINS, RANGE = 1024, 64, 3.0
 class Baseline:
     """A method in two steps.
 
-    Attributes
-    ----------
-    describe : Mesh -> Description
-    compare : (description, descriptions of c others) -> float64, shape (c,)
-        Distances; 0 for equal shapes.
-    library : str or None
-        The optional library that the method needs.
+    `compare` takes a description and those of c other shapes, and returns distances, shape (c,), 0 for equal
+    shapes. `library` is the optional library that the method needs.
     """
 
     describe: Callable[[Mesh], Description]
@@ -223,19 +216,9 @@ BASELINES = {
 """Each baseline by the name that `isoshape evaluate --method` takes."""
 
 
-def missing_library(method: str) -> str | None:
-    """Return the library that a baseline needs and that is not installed, or None."""
-    library = BASELINES[method].library
-    return library if library is not None and find_spec(library) is None else None
-
-
 def describe_files(pool: Executor, method: str, paths: Sequence[Path], done: Done) -> list[Description | str]:
     """Return the description of each file, or the reason why there is none."""
-    results: list[Description | str] = []
-    for result in pool.map(partial(_describe, method), paths):
-        results.append(result)
-        done(1)
-    return results
+    return in_order(pool, partial(_describe, method), paths, done)
 
 
 def distance_matrix(pool: Executor, method: str, descriptions: Sequence[Description], done: Done) -> Floats:
@@ -257,11 +240,5 @@ def _describe(method: str, path: Path) -> Description | str:
 
 
 def _compare(method: str, path: Path, i: int) -> Floats:
-    descriptions = _load(path)
+    descriptions: list[Description] = loaded(path)
     return BASELINES[method].compare(descriptions[i], descriptions[i + 1 :])
-
-
-@lru_cache(maxsize=1)
-def _load(path: Path) -> list[Description]:
-    descriptions: list[Description] = pickle.loads(path.read_bytes())
-    return descriptions

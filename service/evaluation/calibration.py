@@ -11,7 +11,7 @@ import numpy as np
 from core.arrays import Floats
 from core.evaluation.calibration import BINS, LabelledPairs, Reliability, fit, leave_class_out, reliability
 from core.evaluation.perturbation import cut_part, remove_discs
-from core.evaluation.retrieval_measures import Evaluation, evaluate
+from core.evaluation.retrieval_measures import evaluate
 from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
 from service.evaluation.pairwise_scores import Done, PairScores, stored
 from service.evaluation.perturbed_queries import Gallery, Perturb, Told, perturbed_query
@@ -30,43 +30,29 @@ DIGITS = 4
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """One collection, with probabilities of each pair by the fit without its query's class.
+    """Pairs with probabilities by the fit without their query's class.
 
     Attributes
     ----------
     name : str
     shapes, classes : int
-    figures : Evaluation
-        Evaluation of the ranking by these probabilities.
+        Numbers of queries and of their classes; 0 classes where several collections are together.
+    figures : dict of str to float
+        NN, FT and ST of the ranking by these probabilities; of incomplete shapes NN alone, by which the most
+        probable whole shape, except their own, is of their class.
     reliability : Reliability
     """
 
     name: str
     shapes: int
     classes: int
-    figures: Evaluation
+    figures: dict[str, float]
     reliability: Reliability
 
-
-@dataclass(frozen=True, eq=False)
-class Incomplete:
-    """Pairs of an incomplete shape and a whole shape, judged likewise.
-
-    Attributes
-    ----------
-    model : Calibration
-    queries : int
-        Number of incomplete shapes.
-    nn : float
-        Share of them whose most probable whole shape, except their own, is of their class.
-    reliability : Reliability
-        Over all perturbations and collections, each with the same weight.
-    """
-
-    model: Calibration
-    queries: int
-    nn: float
-    reliability: Reliability
+    def row(self) -> tuple[str, ...]:
+        """Return the row of a table."""
+        numbers = (str(self.shapes), str(self.classes or ""), *_errors(self.reliability))
+        return (self.name, *numbers, *(f"{figure:.3f}" for figure in self.figures.values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,46 +61,40 @@ class CalibrationStudy:
 
     Attributes
     ----------
-    model : Calibration
-        Of complete pairs.
+    model, part_model : Calibration
+        Of complete pairs, and of pairs with an incomplete shape.
     collections : tuple of Judged
         By both models, each for its pairs.
     together : Reliability
         Over all collections, each with the same weight.
-    incomplete : Incomplete
+    incomplete : Judged
+        Shapes made incomplete, and whole shapes, over all perturbations and collections.
     """
 
     model: Calibration
+    part_model: Calibration
     collections: tuple[Judged, ...]
     together: Reliability
-    incomplete: Incomplete
+    incomplete: Judged
 
     def as_json(self) -> dict[str, object]:
         """Return the object that `--json` prints."""
+        parts = self.incomplete
+        counts = {"queries": parts.shapes, **parts.figures}
         return {
             **asdict(self.model),
-            "incomplete": {
-                **asdict(self.incomplete.model),
-                "queries": self.incomplete.queries,
-                "nn": self.incomplete.nn,
-                **_numbers(self.incomplete.reliability),
-            },
+            "incomplete": {**asdict(self.part_model), **counts, **_numbers(parts.reliability)},
             "together": _numbers(self.together),
             "collections": [
-                {
-                    "name": judged.name,
-                    "shapes": judged.shapes,
-                    "classes": judged.classes,
-                    **{name: getattr(judged.figures, name) for name in ("nn", "ft", "st")},
-                    **_numbers(judged.reliability),
-                }
+                {"name": judged.name, "shapes": judged.shapes, "classes": judged.classes, **judged.figures}
+                | _numbers(judged.reliability)
                 for judged in self.collections
             ],
         }
 
     def constants(self) -> str:
         """Return the assignments that `core/ranking/class_probability.py` holds."""
-        models = {"CALIBRATED_POOL": self.model, "CALIBRATED_PARTS": self.incomplete.model}
+        models = {"CALIBRATED_POOL": self.model, "CALIBRATED_PARTS": self.part_model}
         return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
 
 
@@ -122,14 +102,8 @@ class CalibrationStudy:
 class CollectionPairs:
     """The pairs of a labelled collection.
 
-    Attributes
-    ----------
-    complete : LabelledPairs
-        Of complete shapes, with the features of `core.ranking.class_probability.features`.
-    incomplete : LabelledPairs
-        With an incomplete shape, with the features of `core.ranking.class_probability.part_features`.
-    perturbed : sequence of LabelledPairs
-        Of shapes that were made incomplete, and complete ones, with the same features.
+    Those of complete shapes have the features of `core.ranking.class_probability.features`; those with an
+    incomplete shape, and those of shapes made incomplete with complete ones, have its `part_features`.
     """
 
     complete: LabelledPairs
@@ -189,23 +163,19 @@ def study(names: Sequence[str], collections: Sequence[CollectionPairs]) -> Calib
     ]
     return CalibrationStudy(
         model=fit(complete),
+        part_model=fit([*incomplete, *perturbed]),
         collections=tuple(_judged(name, *pairs) for name, pairs in zip(names, whole, strict=True)),
         together=reliability([pairs for pairs, _ in whole], [probability for _, probability in whole]),
-        incomplete=_incomplete(perturbed, of_perturbed, fit([*incomplete, *perturbed])),
+        incomplete=_incomplete(perturbed, of_perturbed),
     )
 
 
 def summary(judged: CalibrationStudy) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings, a row for all collections together, one for each, and one for incomplete shapes."""
     headings = ("collection", "shapes", "classes", "base rate", "error", f"error above {UPPER / BINS:g}")
-    rows: list[tuple[str, ...]] = [("all together", "", "", *_errors(judged.together), "", "", "")]
-    for one in judged.collections:
-        figures = tuple(f"{getattr(one.figures, name):.3f}" for name in ("nn", "ft", "st"))
-        rows.append((one.name, str(one.shapes), str(one.classes), *_errors(one.reliability), *figures))
-    parts = judged.incomplete
-    errors = _errors(parts.reliability)
-    rows.append(("incomplete shapes", str(parts.queries), "", *errors, f"{parts.nn:.3f}", "", ""))
-    return (*headings, "NN", "FT", "ST"), rows
+    together = ("all together", "", "", *_errors(judged.together), "", "", "")
+    rows = [together, *(collection.row() for collection in judged.collections)]
+    return (*headings, "NN", "FT", "ST"), [*rows, (*judged.incomplete.row(), "", "")]
 
 
 def _part_features(embeddings: Path, perturb: Perturb, amount: float, path: Path) -> Floats | str | None:
@@ -216,26 +186,22 @@ def _part_features(embeddings: Path, perturb: Perturb, amount: float, path: Path
     return part_features(asked.differences) if asked.differences.part.all() else None
 
 
-def _incomplete(
-    perturbed: Sequence[LabelledPairs], probabilities: Sequence[Floats], model: Calibration
-) -> Incomplete:
+def _incomplete(perturbed: Sequence[LabelledPairs], probabilities: Sequence[Floats]) -> Judged:
     right: list[bool] = []
     for collection, probability in zip(perturbed, probabilities, strict=True):
         codes, pairs = collection.codes, collection.both_ways
         asked = np.flatnonzero(pairs.any(axis=1))
         first = np.where(pairs, probability, -1.0).argmax(axis=1)
         right += (codes[first[asked]] == codes[asked]).tolist()
-    return Incomplete(model, len(right), float(np.mean(right)), reliability(perturbed, probabilities))
+    figures = {"nn": float(np.mean(right))}
+    return Judged("incomplete shapes", len(right), 0, figures, reliability(perturbed, probabilities))
 
 
 def _judged(name: str, collection: LabelledPairs, probabilities: Floats) -> Judged:
-    return Judged(
-        name=name,
-        shapes=len(collection.labels),
-        classes=len(set(collection.labels)),
-        figures=evaluate(probabilities, collection.labels, larger_is_closer=True),
-        reliability=reliability([collection], [probabilities]),
-    )
+    labels = collection.labels
+    measures = evaluate(probabilities, labels, larger_is_closer=True)
+    figures = {"nn": measures.nn, "ft": measures.ft, "st": measures.st}
+    return Judged(name, len(labels), len(set(labels)), figures, reliability([collection], [probabilities]))
 
 
 def _constant(model: Calibration) -> str:

@@ -3,7 +3,7 @@
 import os
 import pickle
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -78,11 +78,7 @@ def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
 
 def embed_files(pool: Executor, paths: Sequence[Path], done: Done) -> list[Embedding | str]:
     """Return the embedding of each file, or the reason why there is none."""
-    results: list[Embedding | str] = [""] * len(paths)
-    for i, result in as_they_end(pool, _embed, dict(enumerate(paths))):
-        results[i] = result
-        done(1)
-    return results
+    return in_order(pool, _embed, paths, done)
 
 
 def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> PairScores:
@@ -91,7 +87,7 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
     cc, ssd, sim = np.eye(n), np.zeros((n, n)), np.eye(n)
     differences: dict[str, Floats] = defaultdict(lambda: np.zeros((n, n)))
     with stored(list(embeddings)) as path:
-        for i, (scores, row) in as_they_end(pool, partial(_score_row, path), {i: i for i in range(n)}):
+        for i, (scores, row) in as_they_end(pool, partial(_score_row, path), range(n)):
             for matrix, values in ((cc, scores.cc), (ssd, scores.ssd), (sim, scores.sim)):
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
             flat = {name: values for name, values in vars(row).items() if name != "distances"}
@@ -140,6 +136,12 @@ def stored(content: object) -> Iterator[Path]:
         yield path
 
 
+@lru_cache(maxsize=1)
+def loaded(path: Path) -> Any:  # noqa: ANN401
+    """Return the object in a file of `stored`."""
+    return pickle.loads(path.read_bytes())
+
+
 def reason(error: Exception) -> str:
     """Return why a file has no result. An error of the program is reported too; the evaluation continues."""
     if isinstance(error, CoreError):
@@ -150,12 +152,23 @@ def reason(error: Exception) -> str:
 
 
 def as_they_end(
-    pool: Executor, function: Callable[[Argument], Result], arguments: Mapping[int, Argument]
+    pool: Executor, function: Callable[[Argument], Result], arguments: Sequence[Argument]
 ) -> Iterator[tuple[int, Result]]:
-    """Call the function with each argument; yield keys and results in the order of completion."""
-    futures = {pool.submit(function, argument): key for key, argument in arguments.items()}
+    """Call the function with each argument; yield indices and results in the order of completion."""
+    futures = {pool.submit(function, argument): i for i, argument in enumerate(arguments)}
     for future in as_completed(futures):
         yield futures[future], future.result()
+
+
+def in_order(
+    pool: Executor, function: Callable[[Argument], Result], arguments: Sequence[Argument], done: Done
+) -> list[Result]:
+    """Call the function with each argument; return the results in the order of the arguments."""
+    results = {}
+    for i, result in as_they_end(pool, function, arguments):
+        results[i] = result
+        done(1)
+    return [results[i] for i in range(len(arguments))]
 
 
 def _start_worker(parameters: Parameters) -> None:
@@ -176,13 +189,7 @@ def _embed(path: Path) -> Embedding | str:
 
 def _score_row(path: Path, i: int) -> tuple[Scores, PairDifferences]:
     """Return the scores and the differences of an embedding with itself and all later ones."""
-    others = _load(path)[i:]
+    others: list[Embedding] = loaded(path)[i:]
     query = others[0]
     scores = _pipeline.score(query, others)
     return scores, differences_of(descriptors_of(query), [descriptors_of(other) for other in others], scores)
-
-
-@lru_cache(maxsize=1)
-def _load(path: Path) -> list[Embedding]:
-    embeddings: list[Embedding] = pickle.loads(path.read_bytes())
-    return embeddings

@@ -1,6 +1,5 @@
 """Perturbed files as queries to the clean shapes of a collection, in a pool of processes."""
 
-import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
-from service.evaluation.pairwise_scores import Done, embed_files, reason
+from service.evaluation.pairwise_scores import Done, embed_files, loaded, reason
 
 Told = Callable[[str], object]
 """Called with the reason why a file cannot be used."""
@@ -50,45 +49,16 @@ def clean_gallery(pool: Executor, files: Sequence[tuple[Path, str]], tell: Told,
 
 
 @dataclass(frozen=True, eq=False)
-class GalleryDescriptors:
-    """The clean shapes as perturbed queries are compared with them.
-
-    Attributes
-    ----------
-    embeddings : list of Embedding
-    descriptors : list of ShapeDescriptors
-    sample : DensitySample
-        Of all clean shapes.
-    densities : LocalDensities
-        Of each of them among the others.
-    """
-
-    embeddings: list[Embedding]
-    descriptors: list[ShapeDescriptors]
-    sample: DensitySample
-    densities: LocalDensities
-
-
-@dataclass(frozen=True, eq=False)
 class ScoredQuery:
-    """A perturbed shape, and its similarity to each clean shape.
+    """A perturbed shape and its embedding, and its scores and differences to each embedding of the gallery.
 
-    Attributes
-    ----------
-    pipeline : Pipeline
-    mesh : Mesh
-    query : Embedding
-        Embedding of the mesh.
-    gallery : GalleryDescriptors
-    scores : Scores
-    differences : PairDifferences
-        With the local densities among the gallery.
+    The differences have the local densities among the gallery.
     """
 
     pipeline: Pipeline
     mesh: Mesh
     query: Embedding
-    gallery: GalleryDescriptors
+    gallery: list[Embedding]
     scores: Scores
     differences: PairDifferences
 
@@ -109,15 +79,15 @@ def perturbed_query(
     path : Path
         The file that is perturbed.
     """
-    pipeline, gallery = _pipeline(), _load(embeddings)
+    pipeline, (gallery, described, sample, densities) = _pipeline(), _load(embeddings)
     try:
         cleaned = clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh
         mesh = perturb(cleaned, amount, seed_of(path, seed))
         query = pipeline.embed(mesh)
-        scores = pipeline.score(query, gallery.embeddings)
+        scores = pipeline.score(query, gallery)
         descriptors = descriptors_of(query)
-        density = densities_in(gallery.sample, [descriptors])
-        differences = differences_of(descriptors, gallery.descriptors, scores, density, gallery.densities)
+        density = densities_in(sample, [descriptors])
+        differences = differences_of(descriptors, described, scores, density, densities)
         return ScoredQuery(pipeline, mesh, query, gallery, scores, differences)
     except Exception as error:
         return reason(error)
@@ -134,8 +104,9 @@ def _pipeline() -> Pipeline:
 
 
 @lru_cache(maxsize=1)
-def _load(path: Path) -> GalleryDescriptors:
-    embeddings: list[Embedding] = pickle.loads(path.read_bytes())
+def _load(path: Path) -> tuple[list[Embedding], list[ShapeDescriptors], DensitySample, LocalDensities]:
+    """Return the embeddings of a gallery, their descriptors, a sample of these, and their densities in it."""
+    embeddings: list[Embedding] = loaded(path)
     descriptors = [descriptors_of(embedding) for embedding in embeddings]
     sample = density_sample(descriptors)
-    return GalleryDescriptors(embeddings, descriptors, sample, densities_in(sample, descriptors))
+    return embeddings, descriptors, sample, densities_in(sample, descriptors)

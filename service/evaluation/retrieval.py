@@ -3,15 +3,18 @@
 from collections import defaultdict
 from collections.abc import Sequence
 from enum import StrEnum
+from importlib.util import find_spec
+from itertools import zip_longest
+from math import comb
 from pathlib import Path
 from typing import TypeVar
 
 from core.arrays import Floats
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, Parameters
-from service.console import fail, progress, say
+from service.console import counted, fail, progress, say
 from service.datasets import read_collection
-from service.evaluation.baselines import describe_files, distance_matrix, missing_library
+from service.evaluation.baselines import BASELINES, describe_files, distance_matrix
 from service.evaluation.pairwise_scores import PairScores, embed_files, score_pairs, worker_pool
 
 Result = TypeVar("Result")
@@ -54,47 +57,38 @@ def spread(files: Files, count: int) -> Files:
     wanted = min(len(large), max(1, count // 2))
     chosen = [large[i * len(large) // wanted] for i in range(wanted)]
     others = sorted(set(by_class) - set(chosen))
-    ordered = _in_turn([by_class[name] for name in chosen]) + _in_turn([by_class[name] for name in others])
+    turns = (turn for names in (chosen, others) for turn in zip_longest(*(by_class[name] for name in names)))
+    ordered = [file for turn in turns for file in turn if file is not None]
     kept = set(ordered[:count])
     return [file for file in files if file in kept]
-
-
-def _in_turn(lists: list[Files]) -> Files:
-    depth = max(map(len, lists), default=0)
-    return [members[i] for i in range(depth) for members in lists if i < len(members)]
 
 
 def score_collection(
     files: Sequence[tuple[Path, str]], parameters: Parameters, workers: int
 ) -> tuple[list[str], PairScores]:
     """Return labels and scores of the readable files; the others are reported on standard error."""
+    paths = [path for path, _ in files]
     with worker_pool(parameters, workers) as pool, progress() as bar:
-        task = bar.add_task("embedding", total=len(files))
-        results = embed_files(pool, [path for path, _ in files], lambda n: bar.advance(task, n))
-        labels, embeddings = usable(files, results)
-        pairs = len(embeddings) * (len(embeddings) - 1) // 2
-        scoring = bar.add_task("matching pairs", total=pairs)
-        scores = score_pairs(pool, embeddings, lambda n: bar.advance(scoring, n))
-    return labels, scores
+        labels, embeddings = usable(files, embed_files(pool, paths, counted(bar, "embedding", len(paths))))
+        pairs = comb(len(embeddings), 2)
+        return labels, score_pairs(pool, embeddings, counted(bar, "matching pairs", pairs))
 
 
 def score_baseline(files: Sequence[tuple[Path, str]], method: str, workers: int) -> tuple[list[str], Floats]:
     """Return labels of the files that a baseline can use, and its distances between them, shape (n, n)."""
     require(method)
+    paths = [path for path, _ in files]
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        task = bar.add_task(f"{method}: describing", total=len(files))
-        results = describe_files(pool, method, [path for path, _ in files], lambda n: bar.advance(task, n))
-        labels, descriptions = usable(files, results)
-        pairs = len(descriptions) * (len(descriptions) - 1) // 2
-        comparing = bar.add_task(f"{method}: comparing pairs", total=pairs)
-        distances = distance_matrix(pool, method, descriptions, lambda n: bar.advance(comparing, n))
-    return labels, distances
+        done = counted(bar, f"{method}: describing", len(paths))
+        labels, descriptions = usable(files, describe_files(pool, method, paths, done))
+        done = counted(bar, f"{method}: comparing pairs", comb(len(descriptions), 2))
+        return labels, distance_matrix(pool, method, descriptions, done)
 
 
 def require(method: str) -> None:
     """End the command if the library of a baseline is not installed."""
-    library = missing_library(method)
-    if library is not None:
+    library = BASELINES[method].library
+    if library is not None and find_spec(library) is None:
         fail(f"{method} needs {library}, which is not installed: pip install isoshape[peers]", status=2)
 
 
@@ -120,10 +114,4 @@ def usable(
 
 def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: Ranking) -> Evaluation:
     """Return the evaluation of a ranking by one of the scores."""
-    return evaluate(ranked(scores, ranking), labels, larger_is_closer=ranking is not Ranking.SSD)
-
-
-def ranked(scores: PairScores, ranking: Ranking) -> Floats:
-    """Return the scores of a ranking, shape (n, n): distances for SSD, otherwise similarities."""
-    matrix: Floats = getattr(scores, ranking.value)
-    return matrix
+    return evaluate(getattr(scores, ranking), labels, larger_is_closer=ranking is not Ranking.SSD)

@@ -24,7 +24,7 @@ from core.io import format_of, read_mesh
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from service.console import progress
+from service.console import counted, progress
 from service.datasets import LABELS_FILE, DatasetError
 from service.evaluation.pairwise_scores import as_they_end, worker_pool
 
@@ -104,17 +104,14 @@ def study_truth(
     """
     drawn = drawn_pairs([file.label for file in files], [file.template for file in files], count, seed)
     pairs = [(i, j) for kind in drawn for i, j in kind]
-    tasks = {start: pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)}
-    arguments = {
-        start: ([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods))
-        for start, task in tasks.items()
-    }
+    tasks = [pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)]
+    arguments = [([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods)) for task in tasks]
     errors: dict[tuple[int, int], dict[str, TruthErrors]] = {}
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        measuring = bar.add_task("matching pairs", total=len(pairs))
-        for start, results in as_they_end(pool, _errors, arguments):
-            errors.update(zip(tasks[start], results, strict=True))
-            bar.advance(measuring, len(results))
+        done = counted(bar, "matching pairs", len(pairs))
+        for i, results in as_they_end(pool, _errors, arguments):
+            errors.update(zip(tasks[i], results, strict=True))
+            done(len(results))
     return {
         method: {
             kind: [errors[pair][method] for pair in chosen] for kind, chosen in zip(KINDS, drawn, strict=True)
@@ -143,8 +140,8 @@ def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> T
     if method == OURS:
         targets = dense_map(first, second, _pipeline())
     else:
-        spectra = (_spectrum(path, seed) for path in (first_path, second_path))
-        targets = functional_map(*spectra, oriented=method == ORIENTED)
+        spectra = (_spectrum(path, seed) for path in (second_path, first_path))
+        targets = np.asarray(functional_map(*spectra, oriented=method == ORIENTED).get_p2p(), dtype=np.int64)
     return truth_errors(first, second, targets)
 
 
@@ -198,22 +195,16 @@ def spectrum(mesh: Mesh) -> Any:  # noqa: ANN401  the library's own
     return surface.process(EIGENVALUES, robust=True)
 
 
-def functional_map(first: Any, second: Any, *, oriented: bool) -> Ints:  # noqa: ANN401  the library's own
-    """Return the vertex of the second mesh for each vertex of the first, int64, shape (n,).
+def functional_map(source: Any, target: Any, *, oriented: bool = False) -> Any:  # noqa: ANN401  the library's own
+    """Return pyfmaps' model of the map between two meshes of `spectrum`, with the library's default options.
 
-    The map is fitted to wave kernel signatures and refined by ZoomOut, with the library's default options.
-
-    Parameters
-    ----------
-    first, second : object
-        From `spectrum`.
-    oriented : bool
-        Whether the fit has the term that preserves orientation.
+    It is fitted to wave kernel signatures, with the term that preserves orientation if `oriented`, and
+    refined by ZoomOut; its point map gives a vertex of the source for each vertex of the target.
     """
     from pyFM.functional import FunctionalMapping  # noqa: PLC0415  optional
 
-    model = FunctionalMapping(second, first)
+    model = FunctionalMapping(source, target)
     model.preprocess(k_process=EIGENVALUES)
     model.fit(w_orient=ORIENTATION_WEIGHT if oriented else 0)
     model.zoomout_refine()
-    return np.asarray(model.get_p2p(), dtype=np.int64)
+    return model

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from core.descriptors.partial import INCOMPLETE
+from core.parameters import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.listing import Page
 from service.shapes.records import Changes, ShapeRecord, StoredAssembly, StoredShape

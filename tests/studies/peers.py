@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from lapy import TriaMesh
 from lapy.shapedna import compute_shapedna
-from pyFM.functional import FunctionalMapping
 from threadpoolctl import threadpool_limits
 
 from core.io import write_mesh
@@ -25,7 +24,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.evaluation.benchmark_meshes import Source, Spread, read_source
 from service.evaluation.benchmark_method import chain, embedding_seconds, match_steps
-from service.evaluation.template_truth import EIGENVALUES, spectrum
+from service.evaluation.template_truth import functional_map, spectrum
 from tests.studies.common import run, write
 
 
@@ -64,15 +63,6 @@ def matches(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]
         )
         rows.append({"first": first, "second": second} | figures(times, "pyfmaps"))
     return rows
-
-
-def functional_map(first: Any, second: Any) -> FunctionalMapping:
-    """Fit and refine a functional map, with the library's default options."""
-    model = FunctionalMapping(first, second)
-    model.preprocess(k_process=EIGENVALUES)
-    model.fit()
-    model.zoomout_refine()
-    return model
 
 
 def figures(times: np.ndarray, peer: str) -> dict[str, Spread]:

@@ -114,7 +114,7 @@ def similarities_of(
         part = (
             images[KEYPOINTS:] if is_part(images) else describe_part(asked.pipeline.open_surface(asked.mesh))
         )
-        descriptors = (embedding.descriptors for embedding in asked.gallery.embeddings)
+        descriptors = (embedding.descriptors for embedding in asked.gallery)
         wholes = [whole_spin_images(arrays["spin_images"]) for arrays in descriptors]
         similarities["part"] = -part_distances(part, wholes)
     return similarities
@@ -128,7 +128,7 @@ def perturbed(pool: Executor, gallery: Gallery, name: str, amount: float, seed: 
     scored = np.zeros((count, count), dtype=bool)
     with stored(list(gallery.embeddings)) as embeddings:
         query = partial(similarities_of, name, embeddings, amount, seed)
-        for i, row in as_they_end(pool, query, dict(enumerate(gallery.files))):
+        for i, row in as_they_end(pool, query, gallery.files):
             if isinstance(row, str):
                 print(f"{gallery.files[i]}, {name} {amount:g}: {row}", flush=True)
             else:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
+from service.cli.evaluation.options import AsJson
 from service.console import print_table, progress
 from service.evaluation.archive_repository import originals
 from service.evaluation.benchmark_meshes import headings_of, read_source, text_of
@@ -64,7 +65,7 @@ def benchmark_command(
             "[default: 380, 1000, 10000, 100000]",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure the time and memory of embedding and matching.
 

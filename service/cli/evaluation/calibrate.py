@@ -11,8 +11,8 @@ import typer
 from core.errors import ParameterError
 from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
-from service.cli.evaluation.options import Workers
-from service.console import fail, print_table, progress, say
+from service.cli.evaluation.options import AsJson, Workers
+from service.console import counted, fail, print_table, progress, say
 from service.evaluation.calibration import LEVELS, CollectionPairs, part_pairs, study, summary
 from service.evaluation.pairwise_scores import default_workers, worker_pool
 from service.evaluation.perturbed_queries import clean_gallery
@@ -28,7 +28,7 @@ def calibrate_command(
         typer.Argument(metavar="DIR...", help="Folders of meshes with labels.csv, or with a folder a class."),
     ],
     *,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     limit: Annotated[
         int | None,
         typer.Option(min=4, help="Use only this many shapes of each folder, spread over the classes."),
@@ -74,10 +74,9 @@ def calibrate_command(
 
 def _perturbed(files: Files, workers: int) -> list[LabelledPairs]:
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        task = bar.add_task("embedding", total=len(files))
-        gallery = clean_gallery(pool, files, lambda _: None, lambda n: bar.advance(task, n))
-        task = bar.add_task("incomplete queries", total=len(gallery.files) * len(LEVELS))
-        return part_pairs(pool, gallery, say, lambda n: bar.advance(task, n))
+        gallery = clean_gallery(pool, files, lambda _: None, counted(bar, "embedding", len(files)))
+        queries = len(gallery.files) * len(LEVELS)
+        return part_pairs(pool, gallery, say, counted(bar, "incomplete queries", queries))
 
 
 def _check(labels: Sequence[Sequence[str]], where: str) -> None:

@@ -10,17 +10,17 @@ import typer
 
 from core.evaluation.classification import Classification, classify
 from core.parameters import DEFAULT
-from service.cli.evaluation.options import Collection, Workers
+from service.cli.evaluation.options import AsJson, Collection, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
-from service.evaluation.retrieval import Ranking, collection_files, ranked, score_collection
+from service.evaluation.retrieval import Ranking, collection_files, score_collection
 
 
 def classify_command(
     folder: Collection,
     *,
     rank_by: Annotated[Ranking, typer.Option(help="Score that ranks the neighbours.")] = Ranking.CC,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     limit: Annotated[
         int | None, typer.Option(min=6, help="Use only this many shapes, spread over the classes.")
     ] = None,
@@ -38,7 +38,7 @@ def classify_command(
     named = [(path, str(path)) for path, _ in files]
     names, scores = score_collection(named, DEFAULT, workers or default_workers())
     labels = [classes[name] for name in names]
-    result = classify(ranked(scores, rank_by), labels, larger_is_closer=rank_by is not Ranking.SSD)
+    result = classify(getattr(scores, rank_by), labels, larger_is_closer=rank_by is not Ranking.SSD)
     if as_json:
         typer.echo(json.dumps(_object(folder, rank_by, names, labels, result)))
     else:

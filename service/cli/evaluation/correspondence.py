@@ -19,9 +19,9 @@ from core.evaluation.correspondence_errors import (
 )
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
-from service.cli.evaluation.options import Workers
-from service.console import fail, print_table, progress
-from service.evaluation.pairwise_scores import as_they_end, default_workers, worker_pool
+from service.cli.evaluation.options import AsJson, Workers
+from service.console import counted, fail, print_table, progress
+from service.evaluation.pairwise_scores import default_workers, in_order, worker_pool
 from service.evaluation.template_truth import ORIENTED, OURS, PLAIN, read_truth, study_truth, summary
 
 
@@ -56,7 +56,7 @@ def correspondence_command(
     ] = 100,
     seed: Annotated[int, typer.Option(min=0, help="With --truth: draws the pairs.")] = 0,
     peers: Annotated[bool, typer.Option("--peers", help="With --truth: measure pyfmaps too.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")] = False,
+    as_json: AsJson = False,
     workers: Workers = None,
 ) -> None:
     """Measure correspondences against the true ones.
@@ -89,7 +89,8 @@ def correspondence_command(
             for label in labels
             for body in range(bodies)
         ]
-    errors = _measured(studies, count)
+    with worker_pool(DEFAULT, count) as pool, progress() as bar:
+        errors = in_order(pool, _call, studies, counted(bar, "matching bodies", len(studies)))
     by_class = {label: [body for body in errors if body.label == label] for label in labels}
     if as_json:
         typer.echo(json.dumps(_object(by_class)))
@@ -134,16 +135,6 @@ def _print_truth(errors: Mapping[str, Mapping[str, list[TruthErrors]]]) -> None:
         rows,
         left=2,
     )
-
-
-def _measured(studies: Sequence[Callable[[], BodyErrors]], workers: int) -> list[BodyErrors]:
-    errors: dict[int, BodyErrors] = {}
-    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        task = bar.add_task("matching bodies", total=len(studies))
-        for i, body in as_they_end(pool, _call, dict(enumerate(studies))):
-            errors[i] = body
-            bar.advance(task)
-    return [errors[i] for i in range(len(studies))]
 
 
 def _call(study: Callable[[], BodyErrors]) -> BodyErrors:

@@ -1,7 +1,6 @@
 """`isoshape evaluate`: retrieval on a labelled collection, each shape a query against all others."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Annotated, Literal
@@ -16,7 +15,7 @@ from core.evaluation.retrieval_measures import (
     score_quantiles,
 )
 from core.parameters import DEFAULT, PAPER
-from service.cli.evaluation.options import Collection, Workers
+from service.cli.evaluation.options import Collection, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
@@ -76,15 +75,14 @@ class RetrievalReport:
 def evaluate_command(
     folder: Collection,
     *,
-    setting: Annotated[
-        Literal["paper", "default"], typer.Option(help="Parameters of the method.")
-    ] = "default",
+    setting: Setting = "default",
     method: Annotated[
         Literal["isoshape", "shapedna", "icp", "mds", "d2", "views"],
         typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
     ] = "isoshape",
     rank_by: Annotated[
-        list[RankBy] | None, typer.Option(help="Score that ranks the answers; repeatable. [default: cc]")
+        list[RankBy] | None,
+        typer.Option(help="Score that ranks the answers; repeatable. [default: cc]"),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, or a list of them for several rankings.")
@@ -120,9 +118,11 @@ def evaluate_command(
             parameters = parameters.with_values(sampling={"sample_cap": 0})
         labels, scores = score_collection(files, parameters, workers or default_workers())
         cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
+        chosen = rank_by or [RankBy.CC]
+        rankings = Ranking if RankBy.ALL in chosen else map(Ranking, dict.fromkeys(chosen))
         reports = [
             RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking), cc)
-            for ranking in _rankings(rank_by or [RankBy.CC])
+            for ranking in rankings
         ]
     else:
         labels, distances = score_baseline(files, method, workers or default_workers())
@@ -135,12 +135,6 @@ def evaluate_command(
         _print(reports)
     if len(labels) < len(files):
         fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
-
-
-def _rankings(chosen: Sequence[RankBy]) -> list[Ranking]:
-    if RankBy.ALL in chosen:
-        return list(Ranking)
-    return [Ranking(choice) for choice in dict.fromkeys(chosen)]
 
 
 def _print(reports: list[RetrievalReport]) -> None:

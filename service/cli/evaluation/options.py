@@ -1,7 +1,7 @@
 """Arguments and options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,3 +18,7 @@ Workers = Annotated[
     ),
 ]
 """Number of processes that compute; `service.evaluation.pairwise_scores.default_workers` where None."""
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")]
+
+Setting = Annotated[Literal["paper", "default"], typer.Option(help="Parameters of the method.")]

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -11,7 +11,7 @@ import typer
 from core.evaluation.classification import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
-from service.cli.evaluation.options import Collection, Workers
+from service.cli.evaluation.options import AsJson, Collection, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
@@ -48,13 +48,11 @@ class Line:
 def table2_command(
     folder: Collection,
     *,
-    setting: Annotated[
-        Literal["paper", "default"], typer.Option(help="Parameters of the method.")
-    ] = "default",
+    setting: Setting = "default",
     baselines: Annotated[
         bool, typer.Option("--baselines/--no-baselines", help="Measure ShapeDNA, ICP and MDS too.")
     ] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: AsJson = False,
     limit: Annotated[
         int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
     ] = None,

@@ -12,14 +12,13 @@ from core.descriptors.facts import (
     intrinsic_reliability,
     signed_volume,
 )
-from core.descriptors.partial import INCOMPLETE
 from core.embedding import Facts
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from core.parameters import DEFAULT
+from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
 from tests.core.shapes import box, icosphere, joined, rectangle, scaled, shifted, soup, turned
 from tests.studies.perturbation import make_soup

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from core.arrays import Floats
-from core.descriptors.partial import INCOMPLETE
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding
 from core.evaluation.calibration import LabelledPairs, fit, leave_class_out, reliability
 from core.evaluation.retrieval_measures import evaluate
 from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
-from core.parameters import DEFAULT
+from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
 from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
 from core.ranking.differences import PairDifferences, differences_of
