@@ -31,8 +31,7 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from tests.service.support import Running, serving, settings_in
 from tests.studies.common import run, write
-from tests.studies.copies import moved
-from tests.studies.kinship import COPIES, FAMILIES, PHASE, TOLERANCES, VARIANTS
+from tests.studies.kinship import COPIES, FAMILIES, TOLERANCES, VARIANTS, changed_part
 from tests.studies.machine_parts import Drawing, Family, part
 
 CLIENTS = 3
@@ -60,20 +59,8 @@ def _parts(number: int) -> Iterator[tuple[str, bytes]]:
             family, drawing, tolerance = drawn[rng.integers(len(drawn))]
             kinds = VARIANTS if place == PLANTED - 1 else COPIES
             kind = str(kinds[rng.integers(len(kinds))])
-            scale = {"25.4": 25.4, "1/3": 1.0 / 3.0}.get(kind, 1.0)
-            mesh = _made(family, drawing, tolerance, kind)
-            mesh = moved(mesh, number + place, scale=scale, mirrored=kind == "mirrored")
+            mesh, _ = changed_part(family, drawing, tolerance, kind, number + place)
             yield _named(family, drawing, kind.replace("/", " of "), AMONG * number + place, mesh)
-
-
-def _made(family: Family, number: int, tolerance: float, kind: str) -> Mesh:
-    if kind == "remeshed":
-        return part(family, Drawing(number, tolerance, PHASE))
-    if kind == "other tolerance":
-        other = TOLERANCES[(TOLERANCES.index(tolerance) + 1) % len(TOLERANCES)]
-        return part(family, Drawing(number, other, PHASE))
-    change = next((each for each in VARIANTS if each == kind), None)
-    return part(family, Drawing(number, tolerance, change=change))
 
 
 def _named(family: Family, number: int, kind: str, key: int, mesh: Mesh) -> tuple[str, bytes]:

@@ -8,12 +8,14 @@ copy at the tolerance of the first is `variant`, and the scale of each copy is r
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from core.io import FORMATS, write_mesh
+from core.mesh.mesh import Mesh
 from core.ranking.likeness import Likeness
 from tests.studies.common import run
 from tests.studies.copies import moved
@@ -29,6 +31,7 @@ CHIRAL: frozenset[Family] = frozenset({"bracket", "housing"})
 """Families whose parts differ from their mirror images; prisms and bodies of revolution do not."""
 
 COPIES = ("turned", "25.4", "1/3", "mirrored", "remeshed", "other tolerance")
+SCALES = {"25.4": 25.4, "1/3": 1.0 / 3.0}
 VARIANTS: tuple[Change, ...] = ("hole", "moved", "larger", "fillet", "longer")
 PHASE = 0.37
 """Share of a segment by which the vertices of the circles of a remeshed part are turned."""
@@ -54,28 +57,30 @@ def planted_pairs(seed: int) -> Iterator[PlantedPair]:
             yield _step(kind, number)
 
 
-def _stl(family: Family, kind: str, tolerance: float, number: int) -> PlantedPair:
-    first = part(family, Drawing(number, tolerance))
-    scale = {"25.4": 25.4, "1/3": 1.0 / 3.0}.get(kind, 1.0)
-    second = first
+def changed_part(family: Family, number: int, tolerance: float, kind: str, seed: int) -> tuple[Mesh, float]:
+    """Return a part as one of `COPIES` or `VARIANTS` of itself, turned by the seed, and its scale."""
+    drawing = Drawing(number, tolerance, change=next((change for change in VARIANTS if change == kind), None))
     if kind == "remeshed":
-        second = part(family, Drawing(number, tolerance, PHASE))
+        drawing = replace(drawing, phase=PHASE)
     elif kind == "other tolerance":
         other = TOLERANCES[(TOLERANCES.index(tolerance) + 1) % len(TOLERANCES)]
-        second = part(family, Drawing(number, other, PHASE))
-    elif kind in VARIANTS:
-        second = part(family, Drawing(number, tolerance, change=kind))
-    second = moved(second, number, scale=scale, mirrored=kind == "mirrored")
-    right: Likeness = "scaled" if scale != 1.0 else "same"
+        drawing = replace(drawing, tolerance=other, phase=PHASE)
+    scale = SCALES.get(kind, 1.0)
+    return moved(part(family, drawing), seed, scale=scale, mirrored=kind == "mirrored"), scale
+
+
+def _likeness(kind: str, *, chiral: bool) -> Likeness:
     if kind in VARIANTS:
-        right = "variant"
-    elif kind == "mirrored" and family in CHIRAL:
-        right = "mirrored"
-    files = write_mesh(first, "stl"), write_mesh(second, "stl")
-    known_scale = None if right == "variant" else scale
-    return PlantedPair(
-        kind, f"{family} {number}, {tolerance} mm", files, frozenset({right}), known_scale, "stl"
-    )
+        return "variant"
+    return "scaled" if kind in SCALES else "mirrored" if kind == "mirrored" and chiral else "same"
+
+
+def _stl(family: Family, kind: str, tolerance: float, number: int) -> PlantedPair:
+    second, scale = changed_part(family, number, tolerance, kind, number)
+    right = _likeness(kind, chiral=family in CHIRAL)
+    files = write_mesh(part(family, Drawing(number, tolerance)), "stl"), write_mesh(second, "stl")
+    name, known_scale = f"{family} {number}, {tolerance} mm", None if right == "variant" else scale
+    return PlantedPair(kind, name, files, frozenset({right}), known_scale, "stl")
 
 
 def _step(kind: str, number: int) -> PlantedPair:
@@ -93,13 +98,13 @@ def _step(kind: str, number: int) -> PlantedPair:
     elif kind == "larger":
         holes = [(15.0, 15.0, LARGER * hole), *holes[1:]]
     changed = Prism(corners, holes, high + LONGER * (kind == "longer"))
-    scale = {"25.4": 25.4, "1/3": 1.0 / 3.0}.get(kind, 1.0)
+    scale = SCALES.get(kind, 1.0)
     turn = np.linalg.qr(np.random.default_rng(number).normal(size=(3, 3)))[0]
-    # A prism is its own mirror image.
     turn[0] *= np.sign(np.linalg.det(turn))
     if kind == "mirrored":
         changed = Prism([(-x, y) for x, y in corners[::-1]], [(-x, y, r) for x, y, r in holes], high)
-    right: Likeness = "variant" if kind in VARIANTS else "scaled" if scale != 1.0 else "same"
+    # A prism is its own mirror image.
+    right = _likeness(kind, chiral=False)
     files = first.step(np.eye(3)), changed.step(turn, scale)
     known_scale = None if right == "variant" else scale
     return PlantedPair(f"{kind}, STEP", f"prism {number}", files, frozenset({right}), known_scale, "step")

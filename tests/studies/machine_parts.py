@@ -3,7 +3,6 @@
 Lengths are millimetres. Each part has a family, a number that draws its dimensions, and at most one change.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -231,14 +230,7 @@ def revolved(drawing: Drawing, corners: list[Point], radii: list[float]) -> Mani
     return profile.revolve(count).rotate((0.0, 0.0, 360.0 / count * drawing.phase))
 
 
-FAMILIES: dict[Family, Callable[[Drawing], Manifold]] = {
-    "plate": plate,
-    "bracket": bracket,
-    "flange": flange,
-    "gear": gear,
-    "shaft": shaft,
-    "housing": housing,
-}
+FAMILIES = {family.__name__: family for family in (plate, bracket, flange, gear, shaft, housing)}
 
 
 def part(family: Family, drawing: Drawing) -> Mesh:

@@ -44,7 +44,6 @@ from core.spectral.laplace_beltrami import laplacian
 from service.evaluation.retrieval import collection_files
 from tests.people import make_person
 from tests.studies.common import Panel, grid, run, save, write
-from tests.studies.poisson_disk import poisson_disk_of
 
 PARAMETERS = DEFAULT.with_values(
     name="sampling study",
@@ -74,6 +73,9 @@ SELECTIONS = (
 Eqs. 11 and 12 as printed or normalised; and two others without weights."""
 
 POSES = 4
+
+HALVINGS = 40
+"""Steps of bisection for the radius of a Poisson-disk set."""
 
 
 def distance_histogram(distances: Floats) -> Floats:
@@ -155,6 +157,30 @@ def rebuilt_error(stiffness: csc_array, areas: Floats, points: Floats, samples: 
     return float(np.sqrt(areas @ ((film - points) ** 2).sum(axis=1) / areas.sum()))
 
 
+def poisson_disk(distances: Floats, count: int, order: Ints) -> tuple[Ints, float]:
+    """Return a Poisson-disk set of `count` of n points, and its radius, by dart throwing (Cook 1986).
+
+    Darts are the points in the given order, int64 of shape (n,); one nearer than the radius to an earlier
+    sample is rejected. The radius is found by bisection; if none gives the exact number, the last few samples
+    are left out. `distances`, of shape (n, n), is symmetric.
+    """
+    low, high, samples = 0.0, 2.0 * float(distances.max()), order
+    for _ in range(HALVINGS):
+        radius = 0.5 * (low + high)
+        free, thrown = np.ones(len(distances), dtype=bool), []
+        for dart in order:
+            if free[dart]:
+                thrown.append(dart)
+                free &= distances[dart] >= radius
+        if len(thrown) < count:
+            high = radius
+        else:
+            low, samples = radius, np.array(thrown)
+        if len(thrown) == count:
+            break
+    return samples[:count].astype(np.int64), low
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """A mesh of n vertices in its normal frame and scale, and the cleaned mesh in its own."""
@@ -208,7 +234,7 @@ class Surface:
         way, _, printed = selection.partition(" ")
         match way:
             case "poisson-disk":
-                return poisson_disk_of(self.distances, count, np.argsort(uniform))[0]
+                return poisson_disk(self.distances, count, np.argsort(uniform))[0]
             case "farthest-point":
                 return farthest_points(edge_graph(self.mesh), count, int(np.argmax((points**2).sum(axis=1))))
         weights = self.weights[bool(printed)]

@@ -1,5 +1,6 @@
 """Prisms with drilled holes as STEP files: the boundary is exact, and the reader triangulates it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,8 @@ class Prism:
         """The STEP file of the prism, turned by a rotation, shape (3, 3), and scaled."""
         file = _Turned(turn, scale)
         solid = file.prism(self)
+        # The axes of the product are not turned.
+        file.turn = np.eye(3)
         file.product("part", [solid], file.context("millimetre"))
         return bytes(file.data())
 
@@ -42,20 +45,19 @@ class _Turned(Step):
         super().__init__()
         self.turn, self.scale = turn, scale
 
-    def at(self, *place: float) -> str:
-        return str(self.point(self.scale * self.turn @ place))
+    def point(self, place: Sequence[float]) -> str:
+        return str(super().point(self.scale * self.turn @ place))
 
-    def axes(self, place, axis, across) -> str:
-        ways = [self.direction(self.turn @ way) for way in (axis, across)]
-        return str(self.add(f"AXIS2_PLACEMENT_3D('',{self.at(*place)},{ways[0]},{ways[1]})"))
+    def direction(self, way: Sequence[float]) -> str:
+        return str(super().direction(self.turn @ way))
 
     def vertex(self, *place: float) -> str:
-        return str(self.add(f"VERTEX_POINT('',{self.at(*place)})"))
+        return str(self.add(f"VERTEX_POINT('',{self.point(place)})"))
 
     def edge(self, vertices, start, end) -> str:
         """A straight edge between two vertices, (start, end), at two places."""
-        way = self.direction(self.turn @ np.subtract(end, start))
-        line = self.add(f"LINE('',{self.at(*start)},{self.add(f'VECTOR({chr(39) * 2},{way},1.)')})")
+        way = self.direction(np.subtract(end, start))
+        line = self.add(f"LINE('',{self.point(start)},{self.add(f'VECTOR({chr(39) * 2},{way},1.)')})")
         return str(self.add(f"EDGE_CURVE('',{vertices[0]},{vertices[1]},{line},.T.)"))
 
     def loop(self, *edges: tuple[str, bool]) -> str:
@@ -86,7 +88,7 @@ class _Turned(Step):
         faces = []
         for i, j in enumerate(after):
             along = np.subtract(corners[0][j], corners[0][i])
-            plane = self.add(f"PLANE('',{self.axes(corners[0][i], np.cross(along, (0, 0, 1)), along)})")
+            plane = self.add(f"PLANE('',{self.placement(corners[0][i], np.cross(along, (0, 0, 1)), along)})")
             loop = self.loop((rims[0][i], True), (posts[j], True), (rims[1][i], False), (posts[i], False))
             faces.append(self.face(plane, loop))
         rounds = []
@@ -94,17 +96,17 @@ class _Turned(Step):
             starts = [self.vertex(x + radius, y, z) for z in (0.0, top)]
             circles = []
             for start, z in zip(starts, (0.0, top), strict=True):
-                axes = self.axes((x, y, z), (0, 0, 1), (1, 0, 0))
+                axes = self.placement((x, y, z), (0, 0, 1), (1, 0, 0))
                 circle = self.add(f"CIRCLE('',{axes},{self.scale * radius!r})")
                 circles.append(self.add(f"EDGE_CURVE('',{start},{start},{circle},.T.)"))
             seam = self.edge(starts, (x + radius, y, 0.0), (x + radius, y, top))
-            axes = self.axes((x, y, 0.0), (0, 0, 1), (1, 0, 0))
+            axes = self.placement((x, y, 0.0), (0, 0, 1), (1, 0, 0))
             wall = self.add(f"CYLINDRICAL_SURFACE('',{axes},{self.scale * radius!r})")
             loop = self.loop((circles[0], True), (seam, True), (circles[1], False), (seam, False))
             faces.append(self.face(wall, loop, outward=False))
             rounds.append(circles)
         for level, up in ((0, False), (1, True)):
-            plane = self.add(f"PLANE('',{self.axes((0.0, 0.0, level * top), (0, 0, 1), (1, 0, 0))})")
+            plane = self.add(f"PLANE('',{self.placement((0.0, 0.0, level * top), (0, 0, 1), (1, 0, 0))})")
             edges = [(edge, up) for edge in rims[level]]
             outer = self.loop(*(edges if up else edges[::-1]))
             inner = [self.loop((circles[level], not up)) for circles in rounds]

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from core.gallery import make_shape
@@ -17,6 +19,7 @@ from tests.studies.sampling import (
     distance_histogram,
     fit_residuals,
     largest_variation,
+    poisson_disk,
     rebuilt_error,
     root_mean_square,
     total_variation,
@@ -123,3 +126,35 @@ def test_samples_are_the_share_tau_of_about_so_many_vertices(tau):
     embedding = Pipeline(tau_parameters(tau)).embed(make_shape("cup", 0))
     assert len(embedding.positions) == pytest.approx(tau * TAU_VERTICES, rel=0.1)
     assert len(embedding.positions) <= TAU_CAP
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(1, 150), st.data())
+def test_poisson_disks_are_as_many_as_asked_at_least_a_radius_apart(count, data):
+    wanted, random = (
+        data.draw(st.integers(1, count)),
+        np.random.default_rng(data.draw(st.integers(0, 10_000))),
+    )
+    points = random.random((count, 2))
+    distances = cdist(points, points)
+    samples, radius = poisson_disk(distances, wanted, random.permutation(count))
+    assert len(set(samples.tolist())) == wanted
+    assert (distances[np.ix_(samples, samples)][~np.eye(wanted, dtype=bool)] >= radius).all()
+
+
+def test_darts_fall_in_the_order_given():
+    # Of seven points on a line four can be 2 apart, from either end, and three if the middle one is first.
+    assert poisson_disk(line(7), 4, np.arange(7))[0].tolist() == [0, 2, 4, 6]
+    assert poisson_disk(line(7), 3, np.array([3, 0, 1, 2, 4, 5, 6]))[0].tolist() == [3, 0, 6]
+    assert poisson_disk(line(7), 7, np.arange(7)[::-1])[0].tolist() == [6, 5, 4, 3, 2, 1, 0]
+
+
+def test_a_poisson_disk_set_is_spread_and_leaves_no_room():
+    random = np.random.default_rng(5)
+    points = random.random((400, 2))
+    distances = cdist(points, points)
+    samples, radius = poisson_disk(distances, 60, random.permutation(400))
+    # Of random throws on a square the spacing is 0.6 to 0.9 of the densest packing's, 1.0746 / sqrt(m).
+    assert 0.6 < radius / (1.0746 / np.sqrt(60)) < 0.9
+    # Only the few left out for the number can leave a gap wider than the radius, and none twice as wide.
+    assert distances[samples].min(axis=0).max() < 2.0 * radius
