@@ -127,7 +127,7 @@ def _log_view_density(differences: PairDifferences) -> Floats:
 
 
 def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
-    """Return log(weight d + floor) of differences_ difference d of `FLOORS`."""
+    """Return log(weight d + floor) of each difference d of `FLOORS`."""
     values = (
         np.maximum(1.0 - differences.cc, 0.0),
         1.0 - differences.sim,

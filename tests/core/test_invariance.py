@@ -76,8 +76,8 @@ def test_a_mesh_too_large_is_simplified_alike_however_it_is_given(change):
     expected, found = pipeline.embed(mesh), pipeline.embed(SAME_SHAPE[change](mesh))
     _, embeddings = stored("default")
     others = [replace(other, fingerprint=pipeline.fingerprint) for other in embeddings]
-    descriptor_distance = pipeline.score(found, others).cc - pipeline.score(expected, others).cc
-    assert np.abs(descriptor_distance).max() <= DRIFT
+    drift = pipeline.score(found, others).cc - pipeline.score(expected, others).cc
+    assert np.abs(drift).max() <= DRIFT
     assert pipeline.match(expected, found).cc >= 1.0 - DRIFT
 
 

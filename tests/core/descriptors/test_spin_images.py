@@ -50,12 +50,12 @@ def plain(surface: Mesh, missing: float, key: int) -> list[float]:
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal)
     steps = points - points[place]
-    descriptor_distance = np.linalg.norm(steps, axis=1)
-    if (steps[descriptor_distance < max(RADII)] @ normal).sum() > 0.0:
+    distances = np.linalg.norm(steps, axis=1)
+    if (steps[distances < max(RADII)] @ normal).sum() > 0.0:
         normal = -normal
     counts = []
     for radius in RADII:
-        near = steps[descriptor_distance < radius]
+        near = steps[distances < radius]
         heights = near @ normal
         across = np.sqrt(np.maximum((near**2).sum(axis=1) - heights**2, 0.0))
         edges = np.linspace(0.0, radius, RADIAL_BINS + 1), np.linspace(-radius, radius, HEIGHT_BINS + 1)

@@ -203,15 +203,15 @@ def test_clusters_become_their_means():
     rng = np.random.default_rng(0)
     middles = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
     points = middles.repeat(6, axis=0) + rng.uniform(-1e-3, 1e-3, size=(24, 3))
-    descriptor_distance = [[a, b, c] for a in range(4) for b in range(a + 1, 4) for c in range(b + 1, 4)]
-    faces = [6 * np.array(face) + rng.integers(6, size=3) for face in descriptor_distance for _ in range(8)]
+    triples = [[a, b, c] for a in range(4) for b in range(a + 1, 4) for c in range(b + 1, 4)]
+    faces = [6 * np.array(face) + rng.integers(6, size=3) for face in triples for _ in range(8)]
     within = [[6 * i, 6 * i + 1, 6 * i + 2] for i in range(4)]
     found = cluster_vertices(Mesh(points, np.concatenate([faces, within])), 4, 1)
     means = points.reshape(4, 6, 3).mean(axis=1)
     order = np.argmin(np.linalg.norm(found.vertices[:, None] - means, axis=2), axis=1)
     assert sorted(order) == [0, 1, 2, 3]
     assert found.vertices == pytest.approx(means[order])
-    assert sorted(sorted(face) for face in found.faces.tolist()) == descriptor_distance
+    assert sorted(sorted(face) for face in found.faces.tolist()) == triples
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])

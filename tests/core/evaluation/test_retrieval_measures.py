@@ -116,19 +116,19 @@ def test_a_hub_is_the_first_answer_of_many_queries_and_occurs_often() -> None:
 
 def test_perfect_ranking_is_one_and_its_reverse_finds_nothing_first() -> None:
     labels = ["a"] * 4 + ["b"] * 4 + ["c"] * 4
-    descriptor_distance = (np.asarray(labels)[:, None] != np.asarray(labels)[None, :]).astype(float)
-    perfect = evaluate(descriptor_distance, labels, larger_is_closer=False)
+    distances = (np.asarray(labels)[:, None] != np.asarray(labels)[None, :]).astype(float)
+    perfect = evaluate(distances, labels, larger_is_closer=False)
     assert [perfect.nn, perfect.ft, perfect.st, perfect.dcg, perfect.map] == pytest.approx([1.0] * 5)
     assert perfect.e == pytest.approx(2 * 3 / (11 + 3))
     assert perfect.confusion.tolist() == (4 * np.eye(3, dtype=int)).tolist()
-    worst = evaluate(descriptor_distance, labels, larger_is_closer=True)
+    worst = evaluate(distances, labels, larger_is_closer=True)
     assert [worst.nn, worst.ft, worst.st] == [0.0, 0.0, 0.0]
 
 
 def test_e_measure_reads_32_ranks() -> None:
     labels = ["a"] * 33 + ["b"] * 67
-    descriptor_distance = (np.asarray(labels)[:, None] != np.asarray(labels)[None, :]).astype(float)
-    found = evaluate(descriptor_distance, labels, larger_is_closer=False)
+    distances = (np.asarray(labels)[:, None] != np.asarray(labels)[None, :]).astype(float)
+    found = evaluate(distances, labels, larger_is_closer=False)
     # a: 32 wanted, all of the first 32. b: 66 wanted, 32 found: P = 1, Q = 32/66.
     assert found.e == pytest.approx((33 * 1.0 + 67 * 2 / (1 + 66 / 32)) / 100)
 

@@ -53,10 +53,8 @@ def test_vertices_and_faces_come_in_one_order_up_to_a_symmetry_of_the_mesh(mesh)
     expected = clean(mesh).mesh
     for seed in range(4):
         found = clean(changed(mesh, seed)).mesh
-        descriptor_distance = cdist(found.vertices, found.vertices) - cdist(
-            expected.vertices, expected.vertices
-        )
-        assert np.abs(descriptor_distance).max() < 1e-9 * np.ptp(mesh.vertices)
+        difference = cdist(found.vertices, found.vertices) - cdist(expected.vertices, expected.vertices)
+        assert np.abs(difference).max() < 1e-9 * np.ptp(mesh.vertices)
         assert corners(found) == corners(expected)
 
 
@@ -66,10 +64,8 @@ def test_rounding_to_single_precision_does_not_change_it(name):
     for seed in range(4):
         mesh = changed(SHAPES[name], seed)
         found = clean(Mesh(mesh.vertices.astype(np.float32), mesh.faces)).mesh
-        descriptor_distance = cdist(found.vertices, found.vertices) - cdist(
-            expected.vertices, expected.vertices
-        )
-        assert np.abs(descriptor_distance).max() < 1e-5
+        difference = cdist(found.vertices, found.vertices) - cdist(expected.vertices, expected.vertices)
+        assert np.abs(difference).max() < 1e-5
 
 
 def test_without_symmetry_it_is_the_order_by_distance_from_the_centroid():

@@ -215,8 +215,8 @@ def test_laplacian_signature():
 
 def test_the_distance_of_laplacian_signatures_is_a_mean_of_logarithms():
     first, second = np.random.default_rng(0).uniform(1.0, 9.0, size=(2, 8))
-    descriptor_distance = np.linalg.norm(laplacian_signature(first, 3.0) - laplacian_signature(second, 3.0))
-    assert descriptor_distance == pytest.approx(np.sqrt((np.log(first / second) ** 2).mean()))
+    distance = np.linalg.norm(laplacian_signature(first, 3.0) - laplacian_signature(second, 3.0))
+    assert distance == pytest.approx(np.sqrt((np.log(first / second) ** 2).mean()))
 
 
 @pytest.mark.parametrize("width", [0.2, 1.0])
