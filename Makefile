@@ -64,14 +64,13 @@ help:
 
 # The environment is made again when its lock changes. Three files mark its state: the locked packages, this project
 # (whose build fetches setuptools into an environment of its own), and the tools for its tests. A lock written again
-# with the same content, as by a checkout, installs nothing; an interrupted installation continues. Modules are
-# byte-compiled as they are loaded: all of them take 100 MB more.
+# with the same content, as by a checkout, installs nothing; an interrupted installation continues.
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
 	@cmp -s requirements.lock $@ || { echo 'Installing about 450 MB into $(VENV).'; \
 		cmp -s requirements.lock $(VENV)/.begun || $(PYTHON) -m venv --clear $(VENV); cp requirements.lock $(VENV)/.begun; \
-		$(PIP) install --no-compile --require-hashes --requirement requirements.lock; }
+		$(PIP) install --require-hashes --requirement requirements.lock; }
 	@cp requirements.lock $@
 
 $(RUNTIME): pyproject.toml $(PACKAGES)
