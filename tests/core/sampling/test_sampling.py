@@ -151,13 +151,18 @@ def test_a_draw_belongs_to_the_places_and_the_seed():
 
 @pytest.mark.parametrize("label", GALLERY)
 @pytest.mark.parametrize("power", [0.25, 0.5])
-def test_covering_is_exact_distinct_and_leaves_no_region_bare(label, power):
+def test_each_sample_is_the_farthest_by_weighted_distance(label, power):
     graph, points, weights = framed(make_shape(label, 0))
     samples = weighted_farthest_points(graph, points, weights, 100, power)
     assert len(samples) == len(np.unique(samples)) == 100
     plain = farthest_points(graph, 100, int(samples[0]))
     assert not np.array_equal(samples, plain)
-    assert largest_gap(graph, samples) <= 2.0 * largest_gap(graph, plain)
+    relative = np.clip((weights / weights.mean()) ** power, 0.25, 4.0)
+    for i in (1, 10, 50, 99):
+        distances = relative * dijkstra(graph, indices=samples[:i], min_only=True)
+        assert distances[samples[i]] == pytest.approx(distances.max(), rel=1e-9)
+    # So no region is left bare: no vertex is farther than the last sample was, by weighted distance.
+    assert largest_gap(graph, samples) <= 4.0 * distances.max()
 
 
 @pytest.mark.parametrize("label", GALLERY[:4])
