@@ -6,7 +6,7 @@ from scipy.spatial import ConvexHull, QhullError
 from core.arrays import Floats, Ints
 from core.embedding import Facts
 from core.mesh.cleaning import Cleaned, centroid, component_areas, face_areas
-from core.mesh.edges import HalfEdges, boundary_edges, component_labels
+from core.mesh.edges import boundary_edges, component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
 from core.numerics.compilation import compiled, constant
@@ -29,7 +29,7 @@ def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
         dropped_faces=cleaned.dropped_faces,
         boundary_edges=int((face_counts == 1).sum()),
         nonmanifold_edges=int((face_counts > 2).sum()),
-        boundary_ratio=boundary_ratio(cleaned.mesh, cleaned.mesh.half_edges, area),
+        boundary_ratio=boundary_ratio(cleaned.mesh, area),
     )
 
 
@@ -42,7 +42,7 @@ MAIN_SHARE = 0.75
 models from the web are: open sheets and tubes, of which nothing is missing."""
 
 
-def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
+def boundary_ratio(mesh: Mesh, area: float) -> float:
     """Return the area of the discs that the boundary loops could bound, over that of the surface, at most 1.
 
     A boundary loop is a connected set of boundary edges. A loop of length l bounds a disc of area at most
@@ -54,12 +54,10 @@ def boundary_ratio(mesh: Mesh, sides: HalfEdges, area: float) -> float:
     ----------
     mesh : Mesh
         Its coincident vertices are merged.
-    sides : HalfEdges
-        The half-edges of the mesh's faces.
     area : float
         Area of the surface, > 0.
     """
-    edges = boundary_edges(sides)
+    edges = boundary_edges(mesh.half_edges)
     if not len(edges):
         return 0.0
     areas = component_areas(mesh)

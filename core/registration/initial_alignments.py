@@ -60,8 +60,7 @@ def initial_alignments(
         if np.prod(signs) == sign
     ]
     moments = [
-        ((first_axis.samples.points @ first_axis.samples.axes.T) ** 2).mean(axis=0)
-        for first_axis in (first, second)
+        ((surface.samples.points @ surface.samples.axes.T) ** 2).mean(axis=0) for surface in (first, second)
     ]
     for axis, (first_axis, second_axis) in ((2, (0, 1)), (0, (1, 2))):
         if all(

@@ -16,7 +16,6 @@ from core.embedding import Facts
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
-from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
@@ -26,9 +25,7 @@ from tests.studies.perturbation import make_soup
 
 def open_share(mesh: Mesh) -> float:
     mesh = clean(mesh).mesh
-    sides = half_edges(mesh.faces)
-    area = face_areas(mesh.vertices, mesh.faces).sum()
-    return boundary_ratio(mesh, sides, float(area))
+    return boundary_ratio(mesh, float(face_areas(mesh.vertices, mesh.faces).sum()))
 
 
 def tube(around: int, height: float) -> Mesh:
