@@ -89,21 +89,13 @@ class ClusterPool(Executor):
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")
-        executor = self._connected()
-        return self._follow(executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds))
-
-    def _connected(self) -> Executor:
-        """Return the executor of the cluster, or raise `ClusterUnavailableError`."""
         if self._closing.is_set():
             raise RuntimeError("the pool is shut down")
         executor = self._executor
         if executor is None or not self._threads:
             away = "scheduler cannot be reached" if executor is None else "scheduler has no workers"
             raise ClusterUnavailableError(f"the cluster's {away} now")
-        return executor
-
-    def _follow(self, remote: Future[Any]) -> Future[Any]:
-        """Return a task that settles as its future on the cluster does."""
+        remote = executor.submit(run, pickle.dumps((fn, args)), self._parameters, self._seconds)
         task: Future[Any] = Future()
         with self._lock:
             self._open.add(task)

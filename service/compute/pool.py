@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -71,33 +72,14 @@ class WorkerSlot(threading.Thread):
     None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
     """
 
-    def __init__(
-        self,
-        tasks: "SimpleQueue[Task | None]",
-        closing: threading.Event,
-        abandoned: threading.Event,
-        seconds: float,
-        warm: Callable[[], object],
-        replaced: Callable[[str], object],
-        tasks_each: int | None,
-        *,
-        start_seconds: float,
-        answer_bytes: int | None,
-    ) -> None:
+    def __init__(self, pool: "LocalPool") -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
         self.task: Task | None = None
         self.renewing = False
-        self._tasks = tasks
-        self._closing = closing
-        self._abandoned = abandoned
-        self._seconds = seconds
-        self._warm = warm
-        self._replaced = replaced
-        self._tasks_each = tasks_each
-        self._start_seconds = start_seconds
-        self._answer_bytes = answer_bytes
-        self._last_alone = tasks_each and tasks_each - max(1, round(AHEAD * tasks_each))
+        self._pool = pool
+        each = pool.tasks_each
+        self._last_alone = each and each - max(1, round(AHEAD * each))
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
         self._next: ProcessStart | None = None
@@ -111,15 +93,18 @@ class WorkerSlot(threading.Thread):
         """Run tasks until the end of the queue."""
         while True:
             if self._process is None and not self._fill():
-                if self._closing.is_set():
+                if self._pool.closing.is_set():
                     return
                 self._refuse_one()
-                self._closing.wait(RESTART_SECONDS)
+                self._pool.closing.wait(RESTART_SECONDS)
                 continue
-            task = self._tasks.get()
+            task = self._pool.tasks.get()
             if task is None:
                 self._empty()
-                self._drop_next()
+                self.stop_starting()
+                process = self._next.take() if self._next else None
+                if process is not None:
+                    process.end()
                 return
             if task.set_running_or_notify_cancel():
                 self.task = task
@@ -137,7 +122,7 @@ class WorkerSlot(threading.Thread):
         process = self._process
         if process is None:
             return
-        if self._tasks_done == self._tasks_each or process.resident_bytes() > MEMORY_BYTES:
+        if self._tasks_done == self._pool.tasks_each or process.resident_bytes() > MEMORY_BYTES:
             self.renewing = True
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
@@ -159,10 +144,10 @@ class WorkerSlot(threading.Thread):
         """Run the task and settle its future."""
         try:
             process = self._hand_over(task)
-            answer = process.receive(self._seconds, task.given_up)
+            answer = process.receive(self._pool.seconds, task.given_up)
         except (WorkerLostError, TaskTimeLimitError) as error:
             log.warning("a worker process is replaced: %s", error)
-            self._replaced(CAUSES[type(error)])
+            self._pool.replaced(CAUSES[type(error)])
             self._empty()
             task.set_exception(error)
         except Exception as error:
@@ -176,11 +161,8 @@ class WorkerSlot(threading.Thread):
         """Send the task to the process, or to a new process if the process died idle; return the process."""
         process = self._process
         if process is not None and process.alive():
-            try:
+            with suppress(WorkerLostError):
                 process.send(task.function, task.arguments)
-            except WorkerLostError:
-                pass
-            else:
                 task.arguments = ()
                 return process
         self._empty()
@@ -203,16 +185,10 @@ class WorkerSlot(threading.Thread):
         return self._process is not None
 
     def _start_next(self) -> ProcessStart:
+        pool = self._pool
         return ProcessStart(
-            self._warm, self._abandoned, seconds=self._start_seconds, answer_bytes=self._answer_bytes
+            pool.warm, pool.abandoned, seconds=pool.start_seconds, answer_bytes=pool.answer_bytes
         )
-
-    def _drop_next(self) -> None:
-        if self._next is not None:
-            self._next.kill()
-            process = self._next.take()
-            if process is not None:
-                process.end()
 
     def _empty(self) -> None:
         self.pid = None
@@ -223,11 +199,11 @@ class WorkerSlot(threading.Thread):
     def _refuse_one(self) -> None:
         """Fail one queued task, since no process starts: requests must not wait for ever."""
         try:
-            task = self._tasks.get_nowait()
+            task = self._pool.tasks.get_nowait()
         except Empty:
             return
         if task is None:
-            self._tasks.put(None)
+            self._pool.tasks.put(None)
         elif task.set_running_or_notify_cancel():
             task.set_exception(WorkerLostError("no worker process could be started"))
 
@@ -266,24 +242,17 @@ class LocalPool(Executor):
         tasks_each: int | None = None,
         answer_bytes: int | None = None,
     ) -> None:
-        self._tasks: SimpleQueue[Task | None] = SimpleQueue()
-        self._closing = threading.Event()
-        self._abandoned = threading.Event()
+        self.seconds = seconds
+        self.warm = warm
+        self.start_seconds = start_seconds
+        self.replaced = replaced
+        self.tasks_each = tasks_each
+        self.answer_bytes = answer_bytes
+        self.tasks: SimpleQueue[Task | None] = SimpleQueue()
+        self.closing = threading.Event()
+        self.abandoned = threading.Event()
         self._submitting = threading.Lock()
-        self._slots = [
-            WorkerSlot(
-                self._tasks,
-                self._closing,
-                self._abandoned,
-                seconds,
-                warm,
-                replaced,
-                tasks_each,
-                start_seconds=start_seconds,
-                answer_bytes=answer_bytes,
-            )
-            for _ in range(workers)
-        ]
+        self._slots = [WorkerSlot(self) for _ in range(workers)]
         for slot in self._slots:
             slot.start()
 
@@ -296,9 +265,9 @@ class LocalPool(Executor):
             raise TypeError("tasks take positional arguments only")
         task = Task(fn, args)
         with self._submitting:
-            if self._closing.is_set():
+            if self.closing.is_set():
                 raise RuntimeError("the pool is shut down")
-            self._tasks.put(task)
+            self.tasks.put(task)
         return task
 
     def ready(self) -> bool:
@@ -329,19 +298,19 @@ class LocalPool(Executor):
 
     def waiting(self) -> int:
         """Return the number of tasks in the queue."""
-        return self._tasks.qsize()
+        return self.tasks.qsize()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more tasks, finish the accepted tasks (with `cancel_futures`, the running ones), end."""
         with self._submitting:
-            self._closing.set()
+            self.closing.set()
         if cancel_futures:
-            self._abandoned.set()
+            self.abandoned.set()
             self._cancel_waiting()
             for slot in self._slots:
                 slot.stop_starting()
         for _ in self._slots:
-            self._tasks.put(None)
+            self.tasks.put(None)
         if wait:
             for slot in self._slots:
                 slot.join()
@@ -357,7 +326,7 @@ class LocalPool(Executor):
     def _cancel_waiting(self) -> None:
         while True:
             try:
-                task = self._tasks.get_nowait()
+                task = self.tasks.get_nowait()
             except Empty:
                 return
             if task is not None:

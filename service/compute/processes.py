@@ -14,7 +14,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 from pathlib import Path
 from typing import Any
 
-from service.compute.worker_loop import THREADS, AnswerFormError, decode, serve
+from service.compute.worker_loop import THREADS, decode, serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import get_logger
 
@@ -133,7 +133,7 @@ class WorkerProcess:
         TaskGivenUpError
             The caller has cancelled the call, which may still run.
         WorkerLostError
-            The process died, or stands still.
+            The process died, stands still, or sent no answer.
         """
         going = time.monotonic()
         end = going + seconds
@@ -165,17 +165,11 @@ class WorkerProcess:
                 raise WorkerCrashedError("the worker process broke down over the work") from error
             raise WorkerLostError("the worker process died before it had answered; try again") from error
         if self._answer_bytes is not None:
-            return self._decoded(received)
+            return decode(received)
         done, answer = received
         if not done:
             raise answer
         return answer
-
-    def _decoded(self, answer: bytes) -> Any:  # noqa: ANN401
-        try:
-            return decode(answer)
-        except AnswerFormError as error:
-            raise WorkerCrashedError("the worker process sent no answer") from error
 
     @contextmanager
     def _killed_after(self, seconds: float) -> Iterator[None]:
@@ -202,16 +196,7 @@ class WorkerProcess:
 class ProcessStart(threading.Thread):
     """A thread that starts and warms one process.
 
-    Parameters
-    ----------
-    warm : callable
-        Called in the new process; the result is dropped.
-    abandoned : threading.Event
-        Set when the pool wants no process any more.
-    seconds : float
-        The longest time that `warm` may take.
-    answer_bytes : int or None
-        As for `WorkerProcess`.
+    `abandoned` is set when the pool wants no process any more; the other parameters are those of `LocalPool`.
     """
 
     def __init__(

@@ -77,6 +77,11 @@ class RequestQueue:
         The number of further requests that may wait.
     compiling : callable
         Returns whether no worker can start before the kernels are compiled.
+
+    Attributes
+    ----------
+    inside, room : int
+        The number of requests that run or wait, and the largest number that may.
     """
 
     def __init__(
@@ -95,18 +100,8 @@ class RequestQueue:
         self._readers = readers
         self._limits = limits
         self._read_seconds = read_seconds
-        self._room = workers + waiting
-        self._inside = 0
-
-    @property
-    def inside(self) -> int:
-        """The number of requests that run or wait."""
-        return self._inside
-
-    @property
-    def room(self) -> int:
-        """The largest number of requests that may run or wait."""
-        return self._room
+        self.room = workers + waiting
+        self.inside = 0
 
     @contextmanager
     def admitted(self) -> Iterator[None]:
@@ -121,33 +116,34 @@ class RequestQueue:
         """
         if self._compiling():
             raise CompilingError
-        if self._inside >= self._room:
-            raise BusyError(f"{self._inside} requests are at work or waiting; try again later")
-        self._inside += 1
+        if self.inside >= self.room:
+            raise BusyError(f"{self.inside} requests are at work or waiting; try again later")
+        self.inside += 1
         try:
             yield
         finally:
-            self._inside -= 1
+            self.inside -= 1
 
     async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
         with _at_fault():
-            # No name is kept for the mesh, so that it goes once a worker has it.
-            return await self._embedding(await self._reading(data, format), pipeline)
+            read = await self._reading(data, format)
+            task = self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
+            # The mesh goes once a worker has it.
+            del read
+            return await asyncio.wrap_future(task)
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
         """Return the scores of the query with each of c records, shape (c,); NaN for unreadable ones."""
-        with short_of_memory(), _failures_logged():
-            return await asyncio.wrap_future(
-                self._executor.submit(score_embeddings, query, records, pipeline.parameters)
-            )
+        return await self._compare(score_embeddings, query, records, pipeline.parameters)
 
     async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
         """Match two records."""
+        return await self._compare(match_embeddings, first, second, pipeline.parameters)
+
+    async def _compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         with short_of_memory(), _failures_logged():
-            return await asyncio.wrap_future(
-                self._executor.submit(match_embeddings, first, second, pipeline.parameters)
-            )
+            return await asyncio.wrap_future(self._executor.submit(function, *arguments))
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
@@ -184,11 +180,6 @@ class RequestQueue:
             # A reader is not trusted, and may send any error that the service knows.
             log.error("a reader failed on a file", exc_info=error)
             raise MalformedMeshError("the reader of such files failed on this one") from error
-
-    def _embedding(self, read: ReadMesh, pipeline: Pipeline) -> asyncio.Future[Embedded]:
-        return asyncio.wrap_future(
-            self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
-        )
 
 
 @contextmanager

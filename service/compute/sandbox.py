@@ -126,8 +126,9 @@ def enter(memory: int) -> None:
     memory : int
         Bytes of address space; an idle reader takes 760 to 790 MB. Larger allocations raise `MemoryError`.
     """
+    triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])  # type: ignore[arg-type]
     for format in writable():
-        read_mesh(write_mesh(_triangle(), format), format)
+        read_mesh(write_mesh(triangle, format), format)
     # ZIP files name their members in this encoding.
     codecs.lookup("cp437")
     # Without cascadio, STEP is refused.
@@ -138,10 +139,9 @@ def enter(memory: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, _CONVERTED_BYTES))
-    program = tuple(
-        f"{Path(folder).resolve()}{os.sep}"
-        for folder in {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *_project_folders()}
-    )
+    project = {str(Path(sys.modules[name].__file__ or "").parent) for name in ("core", "service")}
+    folders = {sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *project}
+    program = tuple(f"{Path(folder).resolve()}{os.sep}" for folder in folders)
 
     def refuse(event: str, arguments: tuple[object, ...]) -> None:
         if event == "open":
@@ -199,16 +199,6 @@ def _converting(format: str) -> Iterator[None]:
 def _null_device() -> int:
     """Return a descriptor of the null device, which a confined process cannot open."""
     return os.open(os.devnull, os.O_WRONLY)
-
-
-def _project_folders() -> list[str]:
-    """Return the folders of this project's packages."""
-    return [str(Path(sys.modules[name].__file__ or "").parent) for name in ("core", "service")]
-
-
-def _triangle() -> Mesh:
-    """Return the smallest mesh."""
-    return Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])  # type: ignore[arg-type]
 
 
 def forbid_files() -> bool:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from core.arrays import Bytes
+from core.arrays import Bytes, Floats
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.partial import describe_part
 from core.descriptors.views import signature_distance, view_signature
@@ -40,24 +41,10 @@ from service.rendering.thumbnail import SIZES, draw
 class Embedded:
     """A file's embedding, ready to be stored.
 
-    Attributes
-    ----------
-    record : bytes
-        The whole embedding.
-    signature : float32, shape (s,)
-        Of the embedding.
-    coarse_samples : bytes
-        See `core.ranking.reranking`.
-    quantised_points : bytes
-        See `core.ranking.reranking`.
-    view_signature : uint8, shape (v,)
-        See `core.descriptors.views`.
-    reliability : float
-        See `core.descriptors.facts`.
-    facts : dict
-        Measurements of the mesh, by name: `core.embedding.Facts` and the bounding box.
-    milliseconds : dict
-        Wall time of the stages "read" and "embed".
+    `record` is the whole embedding, with its `signature`, shape (s,). `core.ranking.reranking` describes
+    `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,), and
+    `core.descriptors.facts` the `reliability`. `facts` are those of the embedding and the bounding box, by
+    name, and `milliseconds` the wall times of the stages "read" and "embed".
     """
 
     record: bytes
@@ -120,35 +107,27 @@ def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Paramet
     Scores
         Arrays of shape (c,).
     """
-    candidates: list[Embedding] = []
-    places: list[int] = []
-    for place, record in enumerate(records):
-        try:
-            candidates.append(embedding_from_bytes(record))
-        except BadRecordError:
-            continue
-        places.append(place)
     scores = Scores(*(np.full(len(records), np.nan) for _ in range(3)))
+    candidates = {}
+    for i, record in enumerate(records):
+        with suppress(BadRecordError):
+            candidates[i] = embedding_from_bytes(record)
     if candidates:
-        found = _scores(_pipeline(parameters), embedding_from_bytes(query), candidates)
-        scores.cc[places] = found.cc
-        scores.ssd[places] = found.ssd
-        scores.sim[places] = found.sim
+        _score(scores, _pipeline(parameters), embedding_from_bytes(query), candidates)
     return scores
 
 
-def _scores(pipeline: Pipeline, query: Embedding, candidates: list[Embedding]) -> Scores:
-    """Return the scores of a query with c > 0 candidates; NaN where the method fails."""
+def _score(scores: Scores, pipeline: Pipeline, query: Embedding, candidates: dict[int, Embedding]) -> None:
+    """Set the scores of a query with candidates, by their indices; NaN remains where the method fails."""
+    indices = list(candidates)
     try:
-        return pipeline.score(query, candidates)
+        matched = pipeline.score(query, list(candidates.values()))
     except CannotBeEmbeddedError:
-        if len(candidates) == 1:
-            return Scores(*(np.full(1, np.nan) for _ in range(3)))
-    middle = len(candidates) // 2
-    halves = [_scores(pipeline, query, half) for half in (candidates[:middle], candidates[middle:])]
-    return Scores(
-        *(np.concatenate([getattr(half, name) for half in halves]) for name in ("cc", "ssd", "sim"))
-    )
+        middle = len(indices) // 2
+        for half in (indices[:middle], indices[middle:]) if middle else ():
+            _score(scores, pipeline, query, {i: candidates[i] for i in half})
+    else:
+        scores.cc[indices], scores.ssd[indices], scores.sim[indices] = matched.cc, matched.ssd, matched.sim
 
 
 def match_embeddings(first: bytes, second: bytes, parameters: Parameters) -> Match:
@@ -286,22 +265,25 @@ def _bumpy_sheet(side: int = 14) -> Mesh:
     """Return a square grid of `side` by `side` vertices with hills, of no symmetry."""
     x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1.3, side), indexing="ij")
     z = 0.3 * np.sin(3 * x + y) * np.cos(4 * y * y)
-    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
-    lower = np.column_stack([corner, corner + side, corner + side + 1])
-    upper = np.column_stack([corner, corner + side + 1, corner + 1])
-    return Mesh(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), np.vstack([lower, upper]))
+    return _grid(np.stack([x, y, z], axis=-1), closed=False)
 
 
 def _ring(around: int = 16, across: int = 10) -> Mesh:
     """Return a closed surface: a torus, thicker on one side."""
-    u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
-    long, short = 2.0 * np.pi * u / around, 2.0 * np.pi * v / across
+    angles = np.arange(around) / around, np.arange(across) / across
+    long, short = np.meshgrid(*(2.0 * np.pi * each for each in angles), indexing="ij")
     thick = 0.3 + 0.1 * np.cos(long)
     far = 1.0 + thick * np.cos(short)
-    points = np.stack([far * np.cos(long), far * np.sin(long), thick * np.sin(short)], axis=-1)
-    right, up = (u + 1) % around, (v + 1) % across
-    here, east, north, beyond = (a * across + b for a, b in ((u, v), (right, v), (u, up), (right, up)))
-    faces = np.concatenate(
-        [np.stack(face, axis=-1).reshape(-1, 3) for face in ((here, east, beyond), (here, beyond, north))]
+    return _grid(
+        np.stack([far * np.cos(long), far * np.sin(long), thick * np.sin(short)], axis=-1), closed=True
     )
-    return Mesh(points.reshape(-1, 3), faces)
+
+
+def _grid(points: Floats, *, closed: bool) -> Mesh:
+    """Return the mesh of a grid of points, shape (u, v, 3); a closed one joins its opposite edges."""
+    corner = np.arange(points[..., 0].size).reshape(points.shape[:2])
+    if closed:
+        corner = np.pad(corner, (0, 1), mode="wrap")
+    a, b, c, d = corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]
+    faces = np.stack([a, b, c, a, c, d], axis=-1)
+    return Mesh(points.reshape(-1, 3), faces.reshape(-1, 3))

@@ -16,6 +16,7 @@ from typing import Any
 
 from core import errors
 from core.errors import CoreError
+from service.errors import WorkerCrashedError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 NICENESS = 10
@@ -101,10 +102,6 @@ def _note() -> str:
     return f"in a worker:\n{traceback.format_exc()}"
 
 
-class AnswerFormError(Exception):
-    """The bytes are not an answer."""
-
-
 def encode(result: object) -> bytes:
     """Return the plain answer with a result: bytes, or a value of JSON."""
     return BYTES + result if isinstance(result, bytes) else VALUE + json.dumps(result).encode()
@@ -120,24 +117,21 @@ def decode(answer: bytes) -> Any:  # noqa: ANN401
 
     Raises
     ------
-    AnswerFormError
+    WorkerCrashedError
         The bytes are not an answer.
     """
     form, content = answer[:1], answer[1:]
     if form == BYTES:
         return content
-    if len(answer) > JSON_BYTES:
-        raise AnswerFormError(f"the answer has {len(answer)} bytes")
     try:
+        if form not in {VALUE, ERROR} or len(answer) > JSON_BYTES:
+            raise ValueError(f"{len(answer)} bytes of the form {form!r}")
         value = json.loads(content)
-        if form == ERROR:
-            name, message, note = map(str, value)
+        if form == VALUE:
+            return value
+        name, message, note = map(str, value)
     except (ValueError, TypeError, RecursionError) as error:
-        raise AnswerFormError("the answer is not JSON of its form") from error
-    if form == ERROR:
-        failure = _ERRORS[name](message) if name in _ERRORS else RuntimeError(f"{name}: {message}")
-        failure.add_note(note)
-        raise failure
-    if form != VALUE:
-        raise AnswerFormError("the answer has no known form")
-    return value
+        raise WorkerCrashedError("the worker process sent no answer") from error
+    failure = _ERRORS[name](message) if name in _ERRORS else RuntimeError(f"{name}: {message}")
+    failure.add_note(note)
+    raise failure

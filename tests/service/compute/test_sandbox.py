@@ -36,7 +36,7 @@ from service.compute.reader_answers import (
     parts_from_bytes,
     parts_to_bytes,
 )
-from service.compute.worker_loop import JSON_BYTES, AnswerFormError, decode, encode, encode_error
+from service.compute.worker_loop import JSON_BYTES, decode, encode, encode_error
 from service.errors import TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import LOGGER
 from service.settings import Settings
@@ -281,7 +281,7 @@ def test_the_text_of_an_error_is_cut() -> None:
     [b"V" + b'"' + b"x" * JSON_BYTES + b'"', b"", b"X1", b"V{", b"E[1]", b"E{}", b"V" + b"[" * 100_000],
 )
 def test_an_answer_of_another_form_is_no_answer(answer: bytes) -> None:
-    with pytest.raises(AnswerFormError):
+    with pytest.raises(WorkerCrashedError):
         decode(answer)
 
 
