@@ -6,6 +6,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -84,13 +85,14 @@ class ClientQuotas:
         _subtract(self._bytes, client, size)
 
 
+@dataclass
 class BodyLimit:
     """Middleware that refuses bodies that are too large, too many or stalled.
 
     A form may have the size of the largest file and `FORM_OVERHEAD`; any other body has a limit of
     `SMALL_BODY_BYTES`.
 
-    Parameters
+    Attributes
     ----------
     app : ASGIApp
     file_bytes : int
@@ -102,26 +104,18 @@ class BodyLimit:
         The longest wait for the next bytes of a body, and the period of `LEAST_BYTES`.
     """
 
-    def __init__(
-        self, app: ASGIApp, file_bytes: int, larger: Mapping[str, int], quotas: ClientQuotas, seconds: float
-    ) -> None:
-        self._app = app
-        self._file_bytes = file_bytes
-        self._larger = larger
-        self._quotas = quotas
-        self._seconds = seconds
+    app: ASGIApp
+    file_bytes: int
+    larger: Mapping[str, int]
+    quotas: ClientQuotas
+    seconds: float
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
         if scope["type"] != "http":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
-        is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
-        file_bytes = self._larger.get(scope["path"], self._file_bytes)
-        limit = file_bytes + FORM_OVERHEAD if is_form else SMALL_BODY_BYTES
-        too_large = FileTooLargeError(f"at most {file_bytes if is_form else limit} bytes are taken")
-        body = _Body(scope, headers, receive, self._quotas, self._seconds, limit, too_large, is_form)
+        body = _Body(self, scope, receive)
 
         async def send_and_close(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -131,11 +125,11 @@ class BodyLimit:
                     MutableHeaders(scope=message)["Connection"] = "close"
             await send(message)
 
-        if body.declared > limit:
-            await problem_of(too_large)(scope, receive, send_and_close)
+        if body.declared > body.limit:
+            await problem_of(body.too_large)(scope, receive, send_and_close)
             return
         try:
-            await self._app(scope, body.receive, send_and_close)
+            await self.app(scope, body.receive, send_and_close)
         finally:
             body.close()
 
@@ -143,34 +137,22 @@ class BodyLimit:
 class _Body:
     """The body of one request as it arrives."""
 
-    def __init__(
-        self,
-        scope: Scope,
-        headers: Headers,
-        receive: Receive,
-        quotas: ClientQuotas,
-        seconds: float,
-        limit: int,
-        too_large: ServiceError,
-        is_form: bool,
-    ) -> None:
-        self._scope = scope
-        self._receive = receive
-        self._quotas = quotas
-        self._seconds = seconds
-        self._limit = limit
-        self._too_large = too_large
-        self._is_form = is_form
+    def __init__(self, limits: BodyLimit, scope: Scope, receive: Receive) -> None:
+        headers = Headers(scope=scope)
+        self._quotas, self._seconds = limits.quotas, limits.seconds
+        self._scope, self._receive = scope, receive
+        self._is_form = headers.get("content-type", "").lower().startswith("multipart/form-data")
+        file_bytes = limits.larger.get(scope["path"], limits.file_bytes)
+        self.limit = file_bytes + FORM_OVERHEAD if self._is_form else SMALL_BODY_BYTES
+        taken = file_bytes if self._is_form else self.limit
+        self.too_large = FileTooLargeError(f"at most {taken} bytes are taken")
         length = headers.get("content-length", "")
         self.declared = int(length) if length.isdecimal() else 0
         self._chunked = "transfer-encoding" in headers
         self._client = ""
-        self._received = 0
+        self._received = self._on_disk = 0
         self._waited = 0.0
-        self._on_disk = 0
-        self._arriving = False
-        self._refused = False
-        self.answered = False
+        self._arriving = self._refused = self.answered = False
         self._whole = not (self.declared or self._chunked)
 
     @property
@@ -210,8 +192,8 @@ class _Body:
         self._received += len(message.get("body", b""))
         if self._received < LEAST_BYTES * (self._waited / self._seconds - 1):
             raise StalledBodyError(f"{self._received} bytes of the body arrived in {self._waited:.0f} s")
-        if self._received > self._limit:
-            raise self._too_large
+        if self._received > self.limit:
+            raise self.too_large
         if self._is_form and self._received > IN_MEMORY_BYTES:
             more = self._received - self._on_disk
             self._quotas.take(self._client, more)

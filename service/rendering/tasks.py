@@ -29,40 +29,25 @@ FACES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedMesh:
-    """One of two meshes whose corresponding points get the same colour.
-
-    Attributes
-    ----------
-    name, format : str
-        Name of the shape and format of its file.
-    mesh : Mesh
-    points : float64, shape (p, 3)
-        Positions of the p corresponding points in the coordinates of the file.
-    """
+class ShownMesh:
+    """A mesh, with the name of its shape and the format of its file."""
 
     name: str
     format: str
     mesh: Mesh
-    points: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class PaintedMesh:
-    """One of two meshes that are painted vertex by vertex.
+class ComparedMesh(ShownMesh):
+    """One of two meshes with p corresponding points, which have positions of shape (p, 3)."""
 
-    Attributes
-    ----------
-    name, format : str
-        Name of the shape and format of its file.
-    mesh : Mesh
-    way : DenseCorrespondence
-        To the other mesh.
-    """
+    points: Floats
 
-    name: str
-    format: str
-    mesh: Mesh
+
+@dataclass(frozen=True, eq=False)
+class PaintedMesh(ShownMesh):
+    """One of two meshes that are painted vertex by vertex, and its correspondence to the other mesh."""
+
     way: DenseCorrespondence
 
 
@@ -104,36 +89,32 @@ def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: 
 
 def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> list[GlbPart]:
     """Return both meshes, simplified for display, with their colours."""
-    sides = first, second
     facts: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
-        ends = differences((first.way, second.way), (diagonal(first.mesh), diagonal(second.mesh)))
-        colours = tuple(
-            difference_colours(end, side.way.partnered) for end, side in zip(ends, sides, strict=True)
+        ways = first.way, second.way
+        ends = differences(ways, (diagonal(first.mesh), diagonal(second.mesh)))
+        colours = (
+            difference_colours(ends[0], first.way.partnered),
+            difference_colours(ends[1], second.way.partnered),
         )
         facts = [
             {
                 "quantity": end.quantity,
                 "maximum": end.maximum,
-                "without_partner": float(1.0 - side.way.partnered.mean()),
+                "without_partner": float(1.0 - way.partnered.mean()),
             }
-            for end, side in zip(ends, sides, strict=True)
+            for end, way in zip(ends, ways, strict=True)
         ]
     else:
         colours = correspondence_colours(first.mesh.vertices, upright(first.format), second.way)
     parts = []
-    for side, painted_colours, more in zip(sides, colours, facts, strict=True):
+    for side, painted_colours, more in zip((first, second), colours, facts, strict=True):
         part = _part(side.name, side.mesh, side.format, faces)
-        shown = painted_colours
-        if part.vertices is not side.mesh.vertices:
-            shown = _nearest(side.mesh, painted_colours, part.vertices)
-        parts.append(replace(part, colours=_opaque(shown), facts={**part.facts, **more}))
+        # A simplified mesh has the colours of the nearest vertices.
+        simplified = part.vertices is not side.mesh.vertices
+        shown = KDTree(side.mesh.vertices).query(part.vertices)[1] if simplified else slice(None)
+        parts.append(replace(part, colours=_opaque(painted_colours[shown]), facts={**part.facts, **more}))
     return parts
-
-
-def _nearest(mesh: Mesh, colours: Floats, vertices: Floats) -> Floats:
-    """Return the colours of the vertices of a mesh at the nearest ones of a simplified mesh."""
-    return np.asarray(colours[KDTree(mesh.vertices).query(vertices)[1]])
 
 
 def _opaque(colours: Floats) -> NDArray[np.uint8]:
