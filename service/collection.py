@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass
-from datetime import datetime
 from typing import NewType
 
 CollectionNumber = NewType("CollectionNumber", int)
@@ -24,15 +23,6 @@ class CollectionRecord:
 
 DEFAULT_COLLECTION = CollectionRecord(CollectionNumber(1), "default")
 """The collection of requests that name none. It exists in every archive."""
-
-
-@dataclass(frozen=True)
-class Counted:
-    """A collection, the time of its creation and the number of its shapes."""
-
-    name: str
-    created_at: datetime
-    shapes: int
 
 
 def is_name(text: str) -> bool:

@@ -8,7 +8,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.auth.keys import Grant
 from service.collection import DEFAULT_COLLECTION, NAME, CollectionRecord
-from service.collections import service
+from service.collections import repository
 from service.dependencies import Service
 from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
 from service.http.middleware import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
@@ -62,7 +62,7 @@ async def _chosen(
 
     def read() -> CollectionRecord:
         with container.database.read() as session:
-            return service.get(session, name)
+            return repository.get(session, name)
 
     is_default = name == DEFAULT_COLLECTION.name
     collection = DEFAULT_COLLECTION if is_default else await run_in_threadpool(read)

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Path, Request, Response
 
 from service.auth.keys import Grant
 from service.collection import NAME
-from service.collections import service
+from service.collections import repository
 from service.collections.schemas import Collection, Collections
 from service.dependencies import Service
 from service.http.middleware import GRANT_IN_SCOPE
@@ -29,8 +29,8 @@ def list_collections(request: Request, container: Service) -> Collections:
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     limits = None if grant is None else grant.collections
     with container.database.read() as session:
-        collections = service.counted(session, limits)
-    return Collections(collections=[Collection.of(each) for each in collections])
+        collections = repository.counted(session, limits)
+    return Collections(collections=[Collection.model_validate(each) for each in collections])
 
 
 @router.put(
@@ -46,10 +46,10 @@ def list_collections(request: Request, container: Service) -> Collections:
 def create_collection(name: Name, container: Service, response: Response) -> Collection:
     """Have a collection of this name, so that calls can name it; shapes come into it by calls that do."""
     with container.database.write() as session:
-        if service.create(session, name):
+        if repository.create(session, name):
             response.status_code = 201
-        (collection,) = service.counted(session, {name})
-    return Collection.of(collection)
+        (collection,) = repository.counted(session, {name})
+    return Collection.model_validate(collection)
 
 
 @router.delete(
@@ -67,4 +67,4 @@ def create_collection(name: Name, container: Service, response: Response) -> Col
 def delete_collection(name: Name, container: Service) -> None:
     """Delete a collection that has no shapes. `default` is always there."""
     with container.database.write(deleting=True) as session:
-        service.delete(session, name, container.settings.undo_time)
+        repository.remove(session, name, container.settings.undo_time)

@@ -5,24 +5,17 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.collection import Counted
-
 COLLECTION: dict[str, Any] = {"name": "castings", "shapes": 190, "created_at": "2026-01-31T12:00:00Z"}
 
 
 class Collection(BaseModel):
     """A named set of shapes."""
 
-    model_config = ConfigDict(json_schema_extra={"example": COLLECTION})
+    model_config = ConfigDict(from_attributes=True, json_schema_extra={"example": COLLECTION})
 
     name: str = Field(description="The name by which requests choose the collection.")
     shapes: int = Field(description="The number of its shapes.")
     created_at: datetime = Field(description="UTC.")
-
-    @classmethod
-    def of(cls, counted: Counted) -> "Collection":
-        """Return the JSON of a collection."""
-        return cls(name=counted.name, shapes=counted.shapes, created_at=counted.created_at)
 
 
 class Collections(BaseModel):

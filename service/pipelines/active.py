@@ -4,21 +4,17 @@ import threading
 from dataclasses import dataclass
 
 from core.arrays import Float32s
-from core.errors import ParameterError
-from core.parameters import METHOD_VERSION, Parameters
+from core.parameters import Parameters
 from core.pipeline import Pipeline
-from service.errors import REEMBED, PipelineUnavailableError
+from service.errors import REEMBED
 from service.index.cache import POINTS_BYTES, EmbeddingCache
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
-from service.pipelines.repository import PipelineRecord
 from service.storage.database import Database, ReadSession, WriteSession
 from service.storage.hnsw import ensure_hnsw
 
 log = get_logger("pipelines")
-
-REMEDY = "run `isoshape reembed` on the archive"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +74,7 @@ class Pipelines:
         """
         fingerprint = repository.active(session)
         if fingerprint is None or repository.is_empty(session):
-            keep(session, self.wanted)
+            repository.keep(session, self.wanted)
             if fingerprint != self.wanted.fingerprint:
                 repository.activate(session, self.wanted.fingerprint)
         self.current(session)
@@ -95,7 +91,7 @@ class Pipelines:
         assert fingerprint is not None
         with self._lock:
             if self._active is None or self._active.fingerprint != fingerprint:
-                parameters = _parameters(fingerprint, repository.written(session, fingerprint))
+                parameters = repository.parameters(session, fingerprint)
                 if self._active is not None:
                     fields = {"pipeline": parameters.name, "fingerprint": fingerprint}
                     log.info("another pipeline is active now", extra={"fields": fields})
@@ -132,36 +128,6 @@ def fingerprint(session: ReadSession) -> str:
     active = repository.active(session)
     assert active is not None
     return active
-
-
-def keep(session: WriteSession, parameters: Parameters) -> None:
-    """Store the parameters of a pipeline in the archive."""
-    repository.write(
-        session, parameters.fingerprint, PipelineRecord(METHOD_VERSION, parameters.model_dump(mode="json"))
-    )
-
-
-def _parameters(fingerprint: str, written: PipelineRecord | None) -> Parameters:
-    """Return the stored parameters with a fingerprint."""
-    if written is None:
-        raise PipelineUnavailableError(
-            f"the archive was embedded by pipeline {fingerprint}, whose parameters it does not hold: {REMEDY}"
-        )
-    if written.method != METHOD_VERSION:
-        raise PipelineUnavailableError(
-            f"the archive was embedded by version {written.method} of the method, and this Isoshape has "
-            f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
-        )
-    try:
-        parameters = Parameters.from_values(written.parameters)
-    except ParameterError:
-        parameters = None
-    if parameters is None or parameters.fingerprint != fingerprint:
-        raise PipelineUnavailableError(
-            "the archive was embedded with parameters that this Isoshape does not have: use the Isoshape "
-            f"that embedded it, or {REMEDY}"
-        )
-    return parameters
 
 
 def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -> None:

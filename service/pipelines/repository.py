@@ -1,12 +1,13 @@
 """The SQL of pipelines: the active one, and the embeddings of each."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from contextlib import suppress
 
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import aliased
 
+from core.errors import ParameterError
+from core.parameters import METHOD_VERSION, Parameters
+from service.errors import PipelineUnavailableError
 from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.tables import (
@@ -20,13 +21,7 @@ from service.storage.tables import (
     ShapeRow,
 )
 
-
-@dataclass(frozen=True)
-class PipelineRecord:
-    """The version of the method and the parameters of a stored pipeline."""
-
-    method: int
-    parameters: Mapping[str, Any]
+REMEDY = "run `isoshape reembed` on the archive"
 
 
 def active(session: ReadSession) -> str | None:
@@ -39,23 +34,42 @@ def is_empty(session: ReadSession) -> bool:
     return session.scalar(select(ShapeRow.number).where(NOT_DELETED).limit(1)) is None
 
 
-def written(session: ReadSession, fingerprint: str) -> PipelineRecord | None:
-    """Return the record of a pipeline; None if the archive does not hold it."""
+def parameters(session: ReadSession, fingerprint: str) -> Parameters:
+    """Return the parameters of a stored pipeline.
+
+    Raises
+    ------
+    PipelineUnavailableError
+        This version of the service does not have the pipeline.
+    """
     row = session.get(PipelineRow, fingerprint)
-    return None if row is None else PipelineRecord(row.method, row.parameters)
+    if row is None:
+        raise PipelineUnavailableError(
+            f"the archive was embedded by pipeline {fingerprint}, whose parameters it does not hold: {REMEDY}"
+        )
+    if row.method != METHOD_VERSION:
+        raise PipelineUnavailableError(
+            f"the archive was embedded by version {row.method} of the method, and this Isoshape has "
+            f"version {METHOD_VERSION}: use the Isoshape that embedded it, or {REMEDY}"
+        )
+    with suppress(ParameterError):
+        stored = Parameters.from_values(row.parameters)
+        if stored.fingerprint == fingerprint:
+            return stored
+    raise PipelineUnavailableError(
+        "the archive was embedded with parameters that this Isoshape does not have: use the Isoshape "
+        f"that embedded it, or {REMEDY}"
+    )
 
 
-def write(session: WriteSession, fingerprint: str, pipeline: PipelineRecord) -> None:
-    """Store the record of a pipeline unless it is present."""
+def keep(session: WriteSession, parameters: Parameters) -> None:
+    """Store the parameters of a pipeline unless the archive holds them."""
+    fingerprint = parameters.fingerprint
     if session.get(PipelineRow, fingerprint) is None:
-        parameters = dict(pipeline.parameters)
+        values = parameters.model_dump(mode="json")
+        checksum = pipeline_checksum(fingerprint, METHOD_VERSION, values)
         session.add(
-            PipelineRow(
-                fingerprint=fingerprint,
-                method=pipeline.method,
-                parameters=parameters,
-                checksum=pipeline_checksum(fingerprint, pipeline.method, parameters),
-            )
+            PipelineRow(fingerprint=fingerprint, method=METHOD_VERSION, parameters=values, checksum=checksum)
         )
         session.flush()
 

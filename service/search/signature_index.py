@@ -23,7 +23,7 @@ from service.search.records import Query
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
-from service.storage.hnsw_parameters import HnswParameters
+from service.storage.hnsw import EF_SEARCH
 
 log = get_logger("search")
 
@@ -268,7 +268,7 @@ class PostgresSelection:
         others = shapes_repository.others_hold_shapes(self.session, self.shapes.collection)
         if others and 2 * self.stored < count_shapes(self.session):
             return None
-        return HnswParameters().ef_search
+        return EF_SEARCH
 
     def _entries(
         self, shapes: Ints, embeddings: Ints, descriptors: Mapping[int, repository.ShortDescriptors]

@@ -15,7 +15,6 @@ from service.compute.tasks import Embedded
 from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 from service.pipelines import repository
-from service.pipelines.active import keep
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.storage.database import Database
@@ -171,7 +170,7 @@ class Reembedding:
             lacking = repository.unembedded(session, fingerprint)
             if any(file not in self._refused for file in lacking):
                 return False, False
-            keep(session, self._parameters)
+            repository.keep(session, self._parameters)
             changed = repository.active(session) != fingerprint
             if changed:
                 repository.activate(session, fingerprint)

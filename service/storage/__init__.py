@@ -10,7 +10,6 @@ __all__ = [
     "database",
     "erasure",
     "hnsw",
-    "hnsw_parameters",
     "migrate",
     "sqlite",
     "tables",

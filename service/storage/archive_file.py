@@ -16,40 +16,42 @@ from typing import Self
 
 from service.errors import ArchiveServedError, StorageUnavailableError
 
-LOCK_SUFFIX = "-lock"
-SERVING_SUFFIX = "-serving"
 
-
-class ArchiveLock:
-    """A lock on an archive file, from the construction of the object to `release`.
+class _FileLock:
+    """A lock on a file beside an archive, from the construction of the object to `release`.
 
     Parameters
     ----------
-    path : Path
-        The file of the archive, which may be missing; its folder must exist.
-    alone : bool
-        Whether the lock is exclusive.
+    archive : Path
+        The file of the archive, which may be missing, as may its folder.
+    ending : str
+        The end of the lock file's name.
+    flags, operation : int
+        How the lock file is opened (`os.open`), and locked (`fcntl.flock`).
 
     Raises
     ------
     StorageUnavailableError
-        Another process holds a lock that excludes this one, or the lock file cannot be created.
+        The lock file cannot be created.
     """
 
-    def __init__(self, path: Path, *, alone: bool = False) -> None:
-        path = path.resolve()
+    def __init__(self, archive: Path, ending: str, flags: int, operation: int) -> None:
+        archive = archive.resolve()
         try:
-            self._descriptor = os.open(
-                path.with_name(path.name + LOCK_SUFFIX), os.O_RDONLY | os.O_CREAT, 0o644
-            )
+            archive.parent.mkdir(parents=True, exist_ok=True)
+            self._descriptor = os.open(archive.with_name(archive.name + ending), flags | os.O_CREAT, 0o644)
         except OSError as error:
             raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
         try:
-            fcntl.flock(self._descriptor, (fcntl.LOCK_EX if alone else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+            fcntl.flock(self._descriptor, operation | fcntl.LOCK_NB)
         except OSError as error:
-            os.close(self._descriptor)
-            who = "a service, or a command, is using it" if alone else "another is being put in its place"
-            raise StorageUnavailableError(f"the archive cannot be used now: {who}") from error
+            refusal = self._refusal(archive)
+            self.release()
+            raise refusal from error
+
+    def _refusal(self, archive: Path) -> Exception:
+        """Return the error about a process that holds the lock."""
+        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self
@@ -62,17 +64,26 @@ class ArchiveLock:
         os.close(self._descriptor)
 
 
-class ServingLock:
-    """The lock of the one process that serves an archive file, from construction to `release`.
+class ArchiveLock(_FileLock):
+    """The lock of a process that uses an archive: shared or, with `alone`, exclusive.
 
-    Its file names the process. It remains; the operating system releases the lock when the process ends.
+    Raises
+    ------
+    StorageUnavailableError
+        Another process holds a lock that excludes this one, or the lock file cannot be created.
+    """
 
-    Parameters
-    ----------
-    path : Path
-        The file of the archive, which may be missing, as may its folder.
-    address : str
-        The address of the service, for the message of another one.
+    def __init__(self, archive: Path, *, alone: bool = False) -> None:
+        self._alone = alone
+        super().__init__(archive, "-lock", os.O_RDONLY, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
+
+    def _refusal(self, archive: Path) -> Exception:
+        who = "a service, or a command, is using it" if self._alone else "another is being put in its place"
+        return StorageUnavailableError(f"the archive cannot be used now: {who}")
+
+
+class ServingLock(_FileLock):
+    """The lock of the one process that serves an archive; its file names that process and its `address`.
 
     Raises
     ------
@@ -82,32 +93,14 @@ class ServingLock:
         The lock file cannot be created.
     """
 
-    def __init__(self, path: Path, address: str) -> None:
-        path = path.resolve()
-        beside = path.with_name(path.name + SERVING_SUFFIX)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._descriptor = os.open(beside, os.O_RDWR | os.O_CREAT, 0o644)
-        except OSError as error:
-            raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
-            os.close(self._descriptor)
-            raise ArchiveServedError(f"{path} is already served by {owner or 'another process'}") from error
+    def __init__(self, archive: Path, address: str) -> None:
+        super().__init__(archive, "-serving", os.O_RDWR, fcntl.LOCK_EX)
         os.truncate(self._descriptor, 0)
         os.pwrite(self._descriptor, f"process {os.getpid()} at {address}\n".encode(), 0)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-    def release(self) -> None:
-        """Release the lock; call this once."""
-        os.close(self._descriptor)
+    def _refusal(self, archive: Path) -> Exception:
+        owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
+        return ArchiveServedError(f"{archive} is already served by {owner or 'another process'}")
 
 
 # Files beside the database with which SQLite completes or rolls back an interrupted transaction.

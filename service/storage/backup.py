@@ -85,7 +85,6 @@ def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckRepor
         raise ArchiveError(
             f"{backup} is a database in use, or a part of one; `isoshape backup` copies it whole"
         )
-    archive.parent.mkdir(parents=True, exist_ok=True)
     with ArchiveLock(archive, alone=True), _beside(archive) as copy:
         if archive.exists() and os.path.samefile(backup, archive):
             raise ArchiveError(f"{backup} is the archive itself")

@@ -15,7 +15,6 @@ from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.logging import get_logger
 from service.observability.metrics import Metrics
 from service.storage.archive_file import ArchiveLock, DatabaseFile
-from service.storage.hnsw_parameters import HnswParameters
 from service.storage.postgresql import open_postgresql
 from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references
 from service.storage.tables import ArchiveRow, Table
@@ -34,15 +33,12 @@ class WriteSession(ReadSession):
 
     Attributes
     ----------
-    hnsw : HnswParameters
-        Parameters of the HNSW indexes that the session builds.
     revision : int or None
         Revision of the archive after the transaction; None until the transaction changes searchable data.
     """
 
-    def __init__(self, engine: Engine, hnsw: HnswParameters) -> None:
+    def __init__(self, engine: Engine) -> None:
         super().__init__(engine, expire_on_commit=False)
-        self.hnsw = hnsw
         self.revision: int | None = None
 
     def insert(self, table: type[Table], row: Mapping[str, Any]) -> Any:  # noqa: ANN401
@@ -72,8 +68,6 @@ class Database:
         The longest wait for another writer, in this process or another.
     metrics : Metrics, optional
         Counters of sessions and failures.
-    hnsw : HnswParameters
-        Parameters of the HNSW indexes of signatures; PostgreSQL only.
     reserve : bool
         Whether the disk keeps room for deletions; SQLite only.
     """
@@ -84,11 +78,9 @@ class Database:
         *,
         lock_seconds: float,
         metrics: Metrics | None = None,
-        hnsw: HnswParameters = HnswParameters(),  # noqa: B008 - it is frozen
         reserve: bool = False,
     ) -> None:
         self._metrics = metrics or Metrics()
-        self._hnsw = hnsw
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
         named = make_url(url)
@@ -125,7 +117,7 @@ class Database:
             self._turn(),
             self._writable_file(deleting),
             translated(),
-            WriteSession(self._writing_engine, self._hnsw) as session,
+            WriteSession(self._writing_engine) as session,
             session.begin(),
         ):
             yield session
@@ -225,17 +217,10 @@ def _remove_details(error: DBAPIError) -> None:
 
 
 def _is_full(error: BaseException | None) -> bool:
-    if isinstance(error, sqlite3.Error):
-        return _code(error) == sqlite3.SQLITE_FULL
-    return getattr(error, "sqlstate", None) == POSTGRESQL_DISK_FULL
+    full_sqlite = getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    return full_sqlite or getattr(error, "sqlstate", None) == POSTGRESQL_DISK_FULL
 
 
 def _reason(error: BaseException | None) -> str:
     """Return the driver's name of the error; its message may contain paths, which clients must not see."""
-    return (
-        error.sqlite_errorname if isinstance(error, sqlite3.Error) and _code(error) else type(error).__name__
-    )
-
-
-def _code(error: sqlite3.Error) -> int | None:
-    return getattr(error, "sqlite_errorcode", None)
+    return getattr(error, "sqlite_errorname", None) or type(error).__name__

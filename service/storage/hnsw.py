@@ -16,15 +16,17 @@ from service.storage.tables import CoarseSamplesRow, EmbeddingRow, Table
 
 log = get_logger("storage")
 
+M = 16
+"""Neighbours of a signature in each layer, twice as many in the lowest; 2 to 100."""
+EF_CONSTRUCTION = 200
+"""Size of the candidate list while an index is built; 2 m to 1,000."""
+EF_SEARCH = 400
+"""Size of the candidate list while an index is searched; 1 to 1,000."""
+
 
 def index_name(fingerprint: str) -> str:
     """Return the name of a pipeline's HNSW index."""
     return f"signatures_{fingerprint}"
-
-
-def view_index_name(length: int) -> str:
-    """Return the name of the HNSW index of view signatures of a length."""
-    return f"view_signatures_{length}"
 
 
 def has_view_signature(length: int) -> ColumnElement[bool]:
@@ -32,8 +34,10 @@ def has_view_signature(length: int) -> ColumnElement[bool]:
     return func.vector_dims(CoarseSamplesRow.view_signature) == literal(length, literal_execute=True)
 
 
-def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
-    """Build the HNSW indexes of a pipeline unless they exist with the parameters of the session.
+def ensure_hnsw(
+    session: WriteSession, fingerprint: str, *, m: int = M, ef_construction: int = EF_CONSTRUCTION
+) -> bool:
+    """Build the HNSW indexes of a pipeline unless they exist with these parameters.
 
     One is of its signatures. The other is of the view signatures of all pipelines that have views of one
     length. The lengths of the vectors come from stored ones: without any, and on SQLite, no index is built.
@@ -46,25 +50,22 @@ def ensure_hnsw(session: WriteSession, fingerprint: str) -> bool:
     """
     if session.get_bind().dialect.name != POSTGRESQL:
         return False
+    parameters = {"m": m, "ef_construction": ef_construction}
     by_pipeline = EmbeddingRow.fingerprint == fingerprint
-    lengths = select(func.vector_dims(EmbeddingRow.signature)).where(by_pipeline)
-    length = session.scalar(lengths.limit(1))
+    length = session.scalar(select(func.vector_dims(EmbeddingRow.signature)).where(by_pipeline).limit(1))
     if length is None:
         return False
-    built = _ensure(
-        session, index_name(fingerprint), EmbeddingRow.signature, "vector_l2_ops", length, by_pipeline
-    )
-    lengths = select(func.vector_dims(CoarseSamplesRow.view_signature)).join(
+    name, column = index_name(fingerprint), EmbeddingRow.signature
+    built = _ensure(session, name, column, "vector_l2_ops", length, by_pipeline, parameters)
+    views = CoarseSamplesRow.view_signature
+    lengths = select(func.vector_dims(views)).join(
         EmbeddingRow, EmbeddingRow.number == CoarseSamplesRow.embedding_number
     )
     length = session.scalar(lengths.where(by_pipeline).limit(1))
     if length is None:
         return built
-    condition = has_view_signature(length)
-    name = view_index_name(length)
-    return (
-        _ensure(session, name, CoarseSamplesRow.view_signature, "vector_l1_ops", length, condition) or built
-    )
+    name, condition = f"view_signatures_{length}", has_view_signature(length)
+    return _ensure(session, name, views, "vector_l1_ops", length, condition, parameters) or built
 
 
 def _ensure(
@@ -74,12 +75,13 @@ def _ensure(
     operators: str,
     length: int,
     condition: ColumnElement[bool],
+    parameters: dict[str, int],
 ) -> bool:
-    connection, parameters = session.connection(), session.hnsw
+    connection = session.connection()
     built_with = connection.execute(
         text("SELECT reloptions FROM pg_class WHERE relname = :name AND relkind = 'i'"), {"name": name}
     ).scalar()
-    if built_with == [f"m={parameters.m}", f"ef_construction={parameters.ef_construction}"]:
+    if built_with == [f"{parameter}={value}" for parameter, value in parameters.items()]:
         return False
     log.info("building an HNSW index", extra={"fields": {"name": name}})
     # A copy of the table definition: the index of one archive must not join the metadata of all archives.
@@ -89,7 +91,7 @@ def _ensure(
         cast(table.c[column.key], PgVector(length)).label("vector"),
         postgresql_using="hnsw",
         postgresql_ops={"vector": operators},
-        postgresql_with={"m": parameters.m, "ef_construction": parameters.ef_construction},
+        postgresql_with=parameters,
         postgresql_where=condition,
     )
     index.drop(connection, checkfirst=True)

@@ -33,7 +33,6 @@ from service.pipelines.active import Pipelines, begin
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
 from service.storage.database import Database
-from service.storage.hnsw_parameters import HnswParameters
 from service.storage.migrate import migrate
 from tests.service import engines
 from tests.studies.common import run, write
@@ -72,7 +71,7 @@ def stored_in_a_second() -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     with TemporaryDirectory() as folder:
         for url in (f"sqlite:///{folder}/archive.sqlite3", engines.empty_database()):
-            with closing(Database(url, lock_seconds=10, hnsw=HnswParameters())) as database:
+            with closing(Database(url, lock_seconds=10)) as database:
                 migrate(database)
                 begin(Pipelines(DEFAULT), database)
                 began = time.perf_counter()

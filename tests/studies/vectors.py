@@ -26,8 +26,7 @@ from service.search.repository import MORE, nearest
 from service.shapes.records import ShapeFilter
 from service.storage.columns import vector_text
 from service.storage.database import Database
-from service.storage.hnsw import ensure_hnsw, index_name
-from service.storage.hnsw_parameters import HnswParameters
+from service.storage.hnsw import EF_CONSTRUCTION, EF_SEARCH, M, ensure_hnsw, index_name
 from tests.service import engines
 from tests.studies.common import run, write
 
@@ -119,10 +118,10 @@ def main(
     url = engines.empty_database(migrated=True) + MEMORY
     fill(url, stored)
     rows, exact = [], True
-    with closing(Database(url, lock_seconds=60, hnsw=HnswParameters(m, ef_construction))) as database:
+    with closing(Database(url, lock_seconds=60)) as database:
         began = time.perf_counter()
         with database.write() as session:
-            ensure_hnsw(session, FINGERPRINT)
+            ensure_hnsw(session, FINGERPRINT, m=m, ef_construction=ef_construction)
         seconds = time.perf_counter() - began
         with engines.bare(url) as connection:
             connection.execute(text("ANALYZE"))
@@ -162,7 +161,6 @@ def _search(
 
 
 if __name__ == "__main__":
-    usual = HnswParameters()
     try:
         run(
             main,
@@ -170,9 +168,9 @@ if __name__ == "__main__":
             count=1_000_000,
             queries=50,
             seed=0,
-            m=usual.m,
-            ef_construction=usual.ef_construction,
-            ef_search=(100, usual.ef_search, 1_000),
+            m=M,
+            ef_construction=EF_CONSTRUCTION,
+            ef_search=(100, EF_SEARCH, 1_000),
             wanted=(100, 1_000),
             more=(MORE,),
         )

@@ -14,7 +14,6 @@ from core.parameters import DEFAULT, Parameters
 from service.cli.archives import bring_up
 from service.collection import DEFAULT_COLLECTION
 from service.pipelines import repository
-from service.pipelines.active import keep
 from service.settings import load_settings
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
@@ -44,7 +43,7 @@ def archive_to_reembed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: 
     database = Database(url, lock_seconds=5)
     migrate(database)
     with database.write() as session:
-        keep(session, DEFAULT)
+        repository.keep(session, DEFAULT)
         repository.activate(session, DEFAULT.fingerprint)
         for number in range(stored):
             data = small_file(number)

@@ -13,7 +13,7 @@ from core.parameters import DEFAULT, PAPER, Parameters
 from service.collection import DEFAULT_COLLECTION
 from service.errors import REEMBED, PipelineUnavailableError
 from service.pipelines import repository
-from service.pipelines.active import Pipelines, begin, keep
+from service.pipelines.active import Pipelines, begin
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
@@ -107,7 +107,7 @@ def archive_of(parameters: Parameters, folder: Path) -> Database:
     database = Database(url_in(folder), lock_seconds=1)
     migrate(database)
     with database.write() as session:
-        keep(session, parameters)
+        repository.keep(session, parameters)
         repository.activate(session, parameters.fingerprint)
         new = NewShape(b"x", "off", DEFAULT_COLLECTION.number, name="x", tags=(), metadata={})
         shapes_repository.add_shape(session, file_repository.add_blob(session, b"x", new.sha256), new, {})

@@ -8,7 +8,7 @@ import pytest
 
 from service.search import repository
 from service.search.signature_index import MemoryIndex
-from service.storage.hnsw_parameters import HnswParameters
+from service.storage.hnsw import EF_SEARCH
 from tests.service.engines import on_postgresql
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 
@@ -100,4 +100,4 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     monkeypatch.setattr(repository, "nearest", noted)
     answers(both[1], small_file(3))
     answers(both[1], small_file(3), tag="half")
-    assert asked == [HnswParameters().ef_search, None]
+    assert asked == [EF_SEARCH, None]

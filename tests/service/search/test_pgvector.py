@@ -18,8 +18,7 @@ from service.search.repository import Neighbours, nearest, nearest_views
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
-from service.storage.hnsw import ensure_hnsw, index_name
-from service.storage.hnsw_parameters import HnswParameters
+from service.storage.hnsw import M, ensure_hnsw, index_name
 from service.storage.tables import BlobRow, CoarseSamplesRow, EmbeddingRow, ShapeRow, TagRow
 from tests.service.archives import embedded
 from tests.service.engines import empty_database, on_postgresql
@@ -71,7 +70,7 @@ def stored(engine: str) -> Iterator[Stored]:
     view_signatures = (groups[rng.integers(GROUPS, size=SHAPES + 20)] + noise).astype(np.uint8)
     numbers = range(1, SHAPES + 1)
     url = empty_database(migrated=True)
-    with closing(Database(url, lock_seconds=60, hnsw=HnswParameters(m=12, ef_construction=50))) as database:
+    with closing(Database(url, lock_seconds=60)) as database:
         with database.write() as session:
             rows = session.connection()
             blob = {"size": 1, "data": b"x"}
@@ -116,8 +115,8 @@ def stored(engine: str) -> Iterator[Stored]:
                 insert(CoarseSamplesRow),
                 [{**sketch, "embedding_number": n, "view_signature": each} for n, each in sketches],
             )
-            assert ensure_hnsw(session, FINGERPRINT)
-            assert ensure_hnsw(session, OTHER)
+            assert ensure_hnsw(session, FINGERPRINT, m=12, ef_construction=50)
+            assert ensure_hnsw(session, OTHER, m=12, ef_construction=50)
         with database.connect() as connection:
             connection.execute(text("ANALYZE"))
         yield Stored(database, signatures, queries, view_signatures)
@@ -260,40 +259,35 @@ def test_each_pipeline_has_its_own(stored: Stored) -> None:
 def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters() -> None:
     url = empty_database(migrated=True)
 
-    def graphs(parameters: HnswParameters, *, make: bool = False) -> list[str]:
-        with (
-            closing(Database(url, lock_seconds=5, hnsw=parameters)) as database,
-            database.write() as session,
-        ):
-            if make:
-                ensure_hnsw(session, DEFAULT.fingerprint)
+    def graphs(**parameters: int) -> list[str]:
+        with database.write() as session:
+            ensure_hnsw(session, DEFAULT.fingerprint, **parameters)
             found = text("SELECT indexdef FROM pg_indexes WHERE indexdef LIKE '%hnsw%' ORDER BY indexname")
             return list(session.scalars(found))
 
-    few, many = HnswParameters(m=4, ef_construction=10), HnswParameters(m=20, ef_construction=90)
-    with closing(Database(url, lock_seconds=5, hnsw=few)) as database:
+    with closing(Database(url, lock_seconds=5)) as database:
         for number in (1, 2):
             new, made = (
                 NewShape(b"%d" % number, "off", DEFAULT_COLLECTION.number, "x", (), {}),
                 embedded(number),
             )
-            assert len(graphs(few, make=True)) == 2 * (number - 1)
+            assert len(graphs()) == 2 * (number - 1)
             with database.write() as session:
                 blob = file_repository.add_blob(session, new.data, new.sha256)
                 file_repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, made)
                 repository.add_shape(session, blob, new, {})
-            signatures, views = graphs(few)
+            signatures, views = graphs()
             assert f"vector({len(made.signature)})" in signatures
             assert DEFAULT.fingerprint in signatures
             assert f"vector({SIGNATURE_BYTES})) vector_l1_ops" in views
-            assert all("m='4'" in graph for graph in (signatures, views))
+            assert all(f"m='{M}'" in graph for graph in (signatures, views))
         with database.read() as session:
             found = nearest(session, DEFAULT.fingerprint, made.signature, 5, shapes=EVERYTHING, ef_search=40)
             alike = nearest_views(
                 session, DEFAULT.fingerprint, made.view_signature, 5, shapes=EVERYTHING, ef_search=40
             )
+        assert all("m='20', ef_construction='90'" in graph for graph in graphs(m=20, ef_construction=90))
         assert found.shapes.tolist() == [2, 1]
         assert found.distances[0] == 0
     assert alike.shapes.tolist() == [2, 1]
     assert alike.distances[0] == 0
-    assert all("m='20', ef_construction='90'" in graph for graph in graphs(many, make=True))

@@ -35,8 +35,8 @@ def archive(tmp_path: Path) -> Path:
     """An archive with a row in every table, the last shape of which was deleted."""
     path = make_archive(tmp_path / "archive.sqlite3", 1, 2, 3, 4)
     with opened(file(path)) as database, database.write() as session:
-        sets.add(session, "second")
-        second = sets.by_name(session, "second")
+        sets.create(session, "second")
+        second = sets.get(session, "second")
         assert second is not None
         twin = NewShape(
             small_file(1),
