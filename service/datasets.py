@@ -22,10 +22,11 @@ class DatasetError(ExpectedError):
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A file on disk and its class, if it has one."""
+    """A file on disk, its class if it has one, and the template of `labels.csv`, by default the class."""
 
     path: Path
     label: str | None
+    template: str | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ def _scan(folder: Path, label: str | None, above: frozenset[Path]) -> FoundMeshe
     here = above | {folder.resolve()}
     labels = folder / LABELS_FILE
     if labels.is_file():
-        return FoundMeshes(tuple(_read_labels(labels)), 0)
+        return FoundMeshes(tuple(read_labels(labels)), 0)
     try:
         entries = sorted(entry for entry in folder.iterdir() if not entry.name.startswith("."))
     except OSError as error:
@@ -126,10 +127,17 @@ def _labels_in(folder: Path) -> dict[Path, str | None]:
     labels = folder / LABELS_FILE
     if not labels.is_file():
         return {}
-    return {file.path.resolve(): file.label for file in _read_labels(labels)}
+    return {file.path.resolve(): file.label for file in read_labels(labels)}
 
 
-def _read_labels(labels: Path) -> list[MeshFile]:
+def read_labels(labels: Path) -> list[MeshFile]:
+    """Return the files of a `labels.csv`, which are not looked for.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be read, lacks a column, or has a row without a file or a class, or a file twice.
+    """
     try:
         # Spreadsheets write a byte order mark, which would otherwise begin the name of the first column.
         with labels.open(encoding="utf-8-sig", newline="") as stream:
@@ -151,4 +159,4 @@ def _read_row(labels: Path, line: int, row: dict[str, str | None]) -> MeshFile:
     name, label = (row["file"] or "").strip(), (row["class"] or "").strip()
     if not name or not label:
         raise DatasetError(f"{labels}, line {line}: a file and a class are needed")
-    return MeshFile(labels.parent / name, label)
+    return MeshFile(labels.parent / name, label, (row.get("template") or "").strip() or label)

@@ -79,15 +79,7 @@ def resized(mesh: Mesh, vertices: int) -> Mesh:
 
 @dataclass(frozen=True)
 class Spread:
-    """Median and quartiles of repeated measurements.
-
-    Attributes
-    ----------
-    median, low, high : float
-        Median, first and third quartile.
-    count : int
-        Number of measurements.
-    """
+    """Median, first quartile `low` and third quartile `high` of `count` measurements."""
 
     median: float
     low: float

@@ -50,14 +50,7 @@ class EmbeddingRow:
 class GrowthRow:
     """The cost of one size in one format.
 
-    Attributes
-    ----------
-    vertices, faces, file_bytes : int
-    format : str
-    seconds : Spread
-        From bytes to embedding.
-    peak_bytes : int
-        Peak memory of the process, libraries included.
+    The seconds are from bytes to embedding, the peak is that of the process's memory, libraries included.
     """
 
     vertices: int

@@ -53,22 +53,10 @@ TURNS = 3
 class SearchRow:
     """Query times of one archive.
 
-    Attributes
-    ----------
-    shapes : int
-    exhaustive : bool
-        Whether queries asked for a comparison with every shape.
-    compared : int
-        Number of shapes that the last query compared in full.
-    queries : int
-    start_s : float
-        Seconds from the start of the process until it is ready.
-    first_ms, median_ms, p95_ms : float
-        Of the first query, and of the others.
-    stages_ms : dict of str to float
-        Medians of a query's stages, as reported by the service.
-    memory_mib : float
-        Memory of the service's main process at the end.
+    If `exhaustive`, queries asked for a comparison with every shape; the last compared `compared` shapes in
+    full. `start_s` is from the start of the process until it is ready, `first_ms` of the first query,
+    `median_ms` and `p95_ms` of the others, `stages_ms` the medians of the stages as the service reports them,
+    and `memory_mib` of its main process at the end.
     """
 
     shapes: int
@@ -119,12 +107,7 @@ class CascadeRow:
 class IngestRow:
     """The upload of all meshes of the source to an empty archive.
 
-    Attributes
-    ----------
-    processors : int
-        Number of processors that the service, its workers and the client share.
-    shapes : int
-    shapes_a_second : Spread
+    The service, its workers and the client share so many processors.
     """
 
     processors: int

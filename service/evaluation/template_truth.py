@@ -1,8 +1,6 @@
 """Correspondences of a folder of meshes against its truth: vertices of templates in files beside them."""
 
-import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from statistics import fmean, median
@@ -25,7 +23,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.console import counted, progress
-from service.datasets import LABELS_FILE, DatasetError
+from service.datasets import LABELS_FILE, DatasetError, MeshFile, read_labels
 from service.evaluation.pairwise_scores import as_they_end, worker_pool
 
 OURS, PLAIN, ORIENTED = "isoshape", "pyfmaps", "pyfmaps_oriented"
@@ -47,15 +45,6 @@ KINDS = ("same", "different")
 """Pairs of one class, and of two classes with one template."""
 
 
-@dataclass(frozen=True)
-class TruthFile:
-    """A mesh of a folder with truth, and the template that it shares with others."""
-
-    path: Path
-    label: str
-    template: str
-
-
 def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
     """Return the number of pairs, and mean and median of both errors; at least one pair."""
     found: dict[str, Any] = {"pairs": len(errors)}
@@ -65,33 +54,23 @@ def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
     return found
 
 
-def read_truth(folder: Path) -> list[TruthFile]:
-    """Return the meshes that `labels.csv` names: file and class, and template where classes share one.
+def read_truth(folder: Path) -> list[MeshFile]:
+    """Return the meshes that `labels.csv` names, which have a class, and a template where classes share one.
 
     Raises
     ------
     DatasetError
-        `labels.csv` cannot be read or lacks a column, or a mesh lacks its `.vts` file.
+        `labels.csv` cannot be used, or a mesh lacks its `.vts` file.
     """
-    labels = folder / LABELS_FILE
-    try:
-        with labels.open(encoding="utf-8-sig", newline="") as lines:
-            rows = list(csv.DictReader(lines))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{labels}: {error}") from error
-    files = []
-    for row in rows:
-        name, label = row.get("file"), row.get("class")
-        if not name or not label:
-            raise DatasetError(f"{labels}: each row needs a file and a class")
-        if not _template_file(folder / name).is_file():
-            raise DatasetError(f"{folder / name} has no truth: {_template_file(folder / name).name}")
-        files.append(TruthFile(folder / name, label, row.get("template") or label))
+    files = read_labels(folder / LABELS_FILE)
+    for path in (file.path for file in files):
+        if not _template_file(path).is_file():
+            raise DatasetError(f"{path} has no truth: {_template_file(path).name}")
     return files
 
 
 def study_truth(
-    files: Sequence[TruthFile], count: int, seed: int, workers: int, methods: Sequence[str]
+    files: Sequence[MeshFile], count: int, seed: int, workers: int, methods: Sequence[str]
 ) -> dict[str, dict[str, list[TruthErrors]]]:
     """Return the errors of pairs by method and kind of pair; see `KINDS`.
 
@@ -102,7 +81,8 @@ def study_truth(
     CoreError
         A mesh cannot be read or embedded.
     """
-    drawn = drawn_pairs([file.label for file in files], [file.template for file in files], count, seed)
+    classes, templates = [str(file.label) for file in files], [str(file.template) for file in files]
+    drawn = drawn_pairs(classes, templates, count, seed)
     pairs = [(i, j) for kind in drawn for i, j in kind]
     tasks = [pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)]
     arguments = [([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods)) for task in tasks]

@@ -118,27 +118,24 @@ def means(lines: list[Line]) -> dict[str, float]:
 
 def table(lines: list[Line]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows, with the means over the paper's categories and over all classes."""
-    methods = [f"here: {BASELINES.get(by, by)}" for by in lines[0].here]
-    headings = ["category", *(f"paper: {name}" for name in METHODS), *methods]
-    rows = [_row(line) for line in lines]
-    inside = [line for line in lines if line.category is not None]
+
+    def row(title: str, paper: Mapping[str, float], here: Mapping[str, float]) -> list[str]:
+        printed = [f"{paper[name]:.2f}" if paper else "" for name in METHODS]
+        return [title, *printed, *(f"{accuracy:.1f}" for accuracy in here.values())]
+
+    headings = ["category", *(f"paper: {name}" for name in METHODS)]
+    headings += [f"here: {BASELINES.get(by, by)}" for by in lines[0].here]
+    rows = [
+        row(line.category.title, line.category.accuracy, line.here)
+        if line.category
+        else row(line.label, {}, line.here)
+        for line in lines
+    ]
+    inside = [(line, line.category.accuracy) for line in lines if line.category is not None]
     if inside:
-        printed = [
-            f"{np.mean([line.category.accuracy[name] for line in inside if line.category]):.2f}"
-            for name in METHODS
-        ]
-        rows.insert(len(inside), [f"mean of these {len(inside)}", *printed, *_cells(means(inside))])
-    blank = [""] * (len(METHODS) - 1)
-    rows.append(
-        [f"mean of all {len(lines)} classes", f"{ALL_CATEGORIES} (of 16)", *blank, *_cells(means(lines))]
-    )
+        paper = {name: float(np.mean([accuracy[name] for _, accuracy in inside])) for name in METHODS}
+        here = means([line for line, _ in inside])
+        rows.insert(len(inside), row(f"mean of these {len(inside)}", paper, here))
+    rows.append(row(f"mean of all {len(lines)} classes", {}, means(lines)))
+    rows[-1][1] = f"{ALL_CATEGORIES} (of 16)"
     return headings, rows
-
-
-def _row(line: Line) -> list[str]:
-    printed = [f"{line.category.accuracy[name]:.2f}" if line.category else "" for name in METHODS]
-    return [line.category.title if line.category else line.label, *printed, *_cells(line.here)]
-
-
-def _cells(here: Mapping[str, float]) -> list[str]:
-    return [f"{value:.1f}" for value in here.values()]

@@ -56,7 +56,7 @@ def test_means_and_medians_over_pairs():
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("labels.csv", "file\n0.off\n", "needs a file and a class"),
+        ("labels.csv", "file\n0.off\n", "the columns file and class"),
         ("labels.csv", "file,class\n9.off,a\n", "9.vts"),
         ("0.vts", "1\nx\n", "0.vts"),
         ("0.sym.vts", "1\n", "different lengths"),
