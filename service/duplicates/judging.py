@@ -264,7 +264,7 @@ async def side_of(container: Container, collection: CollectionNumber, number: in
 
     def read_file() -> tuple[bytes, str]:
         with container.database.read() as session:
-            shapes = shapes_repository.records(session, "", collection, [number])
+            shapes = shapes_repository.records(session, collection, [number])
             data = file_repository.file_of(session, collection, shapes[0].id) if shapes else None
         if data is None:
             raise ShapeNotFoundError(str(number))

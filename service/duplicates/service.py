@@ -129,7 +129,7 @@ def _with_records(
         record.number: record
         for start in range(0, len(ordered), RECORDS_AT_ONCE)
         for record in shapes_repository.records(
-            session, fingerprint, wanted.collection, ordered[start : start + RECORDS_AT_ONCE]
+            session, wanted.collection, ordered[start : start + RECORDS_AT_ONCE]
         )
     }
     return [[(member, known[member.shape]) for member in group] for group in groups]

@@ -6,7 +6,6 @@ from service.collection import CollectionNumber
 from service.container import Container
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.logging import get_logger
-from service.pipelines.active import fingerprint
 from service.rendering import tasks
 from service.rendering.tasks import FACES
 from service.rendering.thumbnail import DRAWING, draw
@@ -28,7 +27,7 @@ async def record(container: Container, collection: CollectionNumber, shape_id: s
 
     def read() -> ShapeRecord:
         with container.database.read() as session:
-            return shapes_service.get(session, fingerprint(session), collection, shape_id)
+            return shapes_service.get(session, collection, shape_id)
 
     return await run_in_threadpool(read)
 

@@ -271,9 +271,7 @@ async def _results(
         without_sample = replace(best.candidates, sample=None, density=None)
         typical = class_log_odds(query, without_sample, numbers, described, best.cc, best.sim)
         with container.database.read() as session:
-            records = shapes_repository.records(
-                session, query.active_pipeline.fingerprint, collection, entries.shapes.tolist()
-            )
+            records = shapes_repository.records(session, collection, entries.shapes.tolist())
         shapes = {shape.number: shape for shape in records}
         present = [i for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
         wanted = [

@@ -252,8 +252,8 @@ async def _stored(
 
     def read() -> ComparedShape:
         with container.database.read() as session:
-            record = file_service.get_record(session, fingerprint, collection, shape_id)
-            shape = shapes_service.get(session, fingerprint, collection, shape_id)
+            record = file_service.get_stored_embedding(session, fingerprint, collection, shape_id).record
+            shape = shapes_service.get(session, collection, shape_id)
             return ComparedShape(shape.name, shape.format, record, once(mesh))
 
     return await run_in_threadpool(read)

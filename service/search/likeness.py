@@ -60,7 +60,7 @@ async def stored_mesh(container: Container, collection: CollectionNumber, shape_
 
     def read() -> tuple[bytes, str]:
         with container.database.read() as session:
-            shape = shapes_repository.by_id(session, "", collection, shape_id)
+            shape = shapes_repository.by_id(session, collection, shape_id)
             if shape is None:
                 raise ShapeNotFoundError(shape_id)
             return file_service.get_file(session, collection, shape_id), shape.format

@@ -20,10 +20,9 @@ from service.http.problems import (
     documented,
 )
 from service.http.request_bodies import FILE, RequestBody, once, once_each
-from service.pipelines.active import fingerprint
-from service.shapes import assemblies, service
+from service.shapes import service
 from service.shapes.listing import Filters, read_cursor, read_position
-from service.shapes.records import NewShape, Sort, StoredAssembly, StoredShape
+from service.shapes.records import NewShape, Sort
 from service.shapes.schemas import Assembly, DeletedShapePage, Shape, ShapeChanges, ShapePage
 from service.shapes.uploads import ShapeUpload
 
@@ -66,13 +65,18 @@ REPLAYED_HEADER: dict[str, Any] = {
 }
 
 
-class ShapeListing(NamedInAddress, Filters):
-    """A page of shapes, and their filter."""
+class PageOptions(NamedInAddress):
+    """A page of a list."""
 
     cursor: str | None = Field(
         default=None, max_length=256, description="The `next_cursor` of the previous page."
     )
     limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
+
+
+class ShapeListing(PageOptions, Filters):
+    """A page of shapes, and their filter."""
+
     sort: Sort = Field(
         default="oldest",
         description="The order: the oldest or the newest first, or by name, upper and lower case alike. A "
@@ -80,15 +84,10 @@ class ShapeListing(NamedInAddress, Filters):
     )
 
 
-class DeletedListing(NamedInAddress):
+class DeletedListing(PageOptions):
     """A page of deleted shapes."""
 
     model_config = ConfigDict(extra="forbid")
-
-    cursor: str | None = Field(
-        default=None, max_length=256, description="The `next_cursor` of the previous page."
-    )
-    limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
 
 
 @router.post(
@@ -139,9 +138,9 @@ async def create_shape(
         )
         claim = None if key is None else await _claim(request, container, key, new, upload.file.filename)
         with container.in_flight.taken(claim):
-            ingest = service.ingest if upload.split is None else assemblies.ingest_assembly
-            done = await while_connected(request, ingest(container, new, claim))
-    answer = _answer_of(done)
+            split = upload.split is not None
+            done = await while_connected(request, service.ingest(container, new, claim, split=split))
+    answer = done if isinstance(done, Kept) else service.answer_of(done, split=split)
     headers = {"Location": address(answer.location, collection)}
     if isinstance(done, Kept):
         headers[REPLAYED] = "true"
@@ -165,8 +164,7 @@ def list_shapes(
     after = read_position(listing.cursor, listing.sort)
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
-        key = fingerprint(session), wanted
-        page = service.list_page(session, *key, after=after, limit=listing.limit, sort=listing.sort)
+        page = service.list_page(session, wanted, after=after, limit=listing.limit, sort=listing.sort)
     return ShapePage.of(page)
 
 
@@ -176,7 +174,7 @@ def list_shapes(
 def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> Shape:
     """Return the record of a shape: its name, tags and metadata, and the measures of its mesh."""
     with container.database.read() as session:
-        return Shape.of(service.get(session, fingerprint(session), collection.number, shape_id))
+        return Shape.of(service.get(session, collection.number, shape_id))
 
 
 @router.patch(
@@ -189,8 +187,7 @@ def change_shape(
 ) -> Shape:
     """Change name, tags or metadata. A given field replaces the old value whole."""
     with container.database.write() as session:
-        key = fingerprint(session), collection.number, shape_id
-        return Shape.of(service.change(session, *key, changes.changes()))
+        return Shape.of(service.change(session, collection.number, shape_id, changes.changes()))
 
 
 @router.delete(
@@ -214,7 +211,7 @@ def delete_shape(
     """
     keep = timedelta(0) if permanent else container.settings.undo_time
     with container.database.write(deleting=True) as session:
-        service.delete(session, fingerprint(session), collection.number, shape_id, keep)
+        service.delete(session, collection.number, shape_id, keep)
 
 
 @router.post(
@@ -252,8 +249,7 @@ def list_deleted(
     """Return the shapes that can be restored, in the order of their deletion, a page at a time."""
     after, keep = read_cursor(listing.cursor), container.settings.undo_time
     with container.database.read() as session:
-        key = fingerprint(session), collection.number, keep
-        page = service.list_deleted(session, *key, after=after, limit=listing.limit)
+        page = service.list_deleted(session, collection.number, keep, after=after, limit=listing.limit)
     return DeletedShapePage.of(page, keep)
 
 
@@ -266,15 +262,7 @@ def list_deleted(
 def purge_shape(shape_id: ShapeId, container: Service, collection: InCollection) -> None:
     """Erase a deleted shape and its file now, for good."""
     with container.database.write(deleting=True) as session:
-        service.purge(
-            session, fingerprint(session), collection.number, shape_id, container.settings.undo_time
-        )
-
-
-def _answer_of(done: StoredShape | StoredAssembly | Kept) -> Kept:
-    if isinstance(done, StoredShape):
-        return service.answer_of(done)
-    return assemblies.answer_of(done) if isinstance(done, StoredAssembly) else done
+        service.purge(session, collection.number, shape_id, container.settings.undo_time)
 
 
 async def _claim(

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from core.io import FORMATS, format_of, writable
+from core.serialization import embedding_from_bytes
 from service.collections.dependencies import InCollection
 from service.dependencies import Service
 from service.http.middleware import while_connected
@@ -78,7 +79,7 @@ async def read_file(
 
     def read() -> tuple[ShapeRecord, str, str, bytes | None]:
         with container.database.read() as session:
-            shape = service.get(session, fingerprint(session), collection.number, shape_id)
+            shape = service.get(session, collection.number, shape_id)
             kind = shape.format if format is None else str(format)
             tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
             wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
@@ -163,7 +164,8 @@ def read_embedding(
 ) -> EmbeddingArrays | Response:
     """Return the embedding by the active pipeline: samples, graph, tree, signature and spectra."""
     with container.database.read() as session:
-        embedding = files.get_embedding(session, fingerprint(session), collection.number, shape_id)
+        stored = files.get_stored_embedding(session, fingerprint(session), collection.number, shape_id)
+    embedding = embedding_from_bytes(stored.record)
     if format == "json":
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}

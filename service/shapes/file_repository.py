@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import ScalarSelect, select
 
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
@@ -173,7 +173,7 @@ def store_thumbnail(
         session.merge(ThumbnailRow(**key, data=data, checksum=checksum_of(data)))
 
 
-def is_its_embedding(fingerprint: str) -> Any:  # noqa: ANN401
+def is_its_embedding(fingerprint: str | ScalarSelect[str | None]) -> Any:  # noqa: ANN401
     """Return the condition that an embedding is that of a shape by a pipeline."""
     return (
         (EmbeddingRow.blob_number == ShapeRow.blob_number)

@@ -11,7 +11,6 @@ from core.embedding import Embedding
 from core.errors import MeshTooComplexError
 from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
-from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.container import Container
 from service.errors import FileChangedError, NameTakenError, NotEmbeddedError, ShapeNotFoundError
@@ -20,9 +19,8 @@ from service.shapes.records import (
     NewFile,
     ShapeRecord,
     StoredEmbedding,
-    StoredFile,
 )
-from service.shapes.service import change_file, get
+from service.shapes.service import Put, get, store_files
 from service.storage.database import ReadSession, WriteSession
 
 
@@ -54,21 +52,9 @@ def get_stored_embedding(
     """
     stored = file_repository.embedding_of(session, fingerprint, collection, shape_id)
     if stored is None:
-        get(session, fingerprint, collection, shape_id)
+        get(session, collection, shape_id)
         raise NotEmbeddedError(shape_id)
     return stored
-
-
-def get_record(session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str) -> bytes:
-    """Return the record of a shape's embedding. It raises the errors of `get_stored_embedding`."""
-    return get_stored_embedding(session, fingerprint, collection, shape_id).record
-
-
-def get_embedding(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> Embedding:
-    """Return the embedding of a shape. It raises the errors of `get_stored_embedding`."""
-    return embedding_from_bytes(get_record(session, fingerprint, collection, shape_id))
 
 
 async def exported(
@@ -121,27 +107,28 @@ async def replace_file(
         Another shape of the collection has the same name and the new file.
     """
 
-    def check(session: ReadSession, fingerprint: str) -> NewFile:
-        _check_match(get(session, fingerprint, collection, shape_id), if_match)
-        return file
+    def matching(session: ReadSession) -> ShapeRecord:
+        record = get(session, collection, shape_id)
+        tag = entity_tag(record.sha256)
+        if if_match is not None and not is_known(if_match, tag):
+            raise FileChangedError(f"the ETag of the file is now {tag}")
+        return record
 
-    def replace(session: WriteSession, fingerprint: str, stored: StoredFile) -> ShapeRecord:
-        record = get(session, fingerprint, collection, shape_id)
-        _check_match(record, if_match)
-        if (record.sha256, record.format) != (file.sha256, file.format):
-            if repository.same(session, fingerprint, collection, file, record.name) is not None:
+    def check() -> None:
+        with container.database.read() as session:
+            matching(session)
+
+    def replace(session: WriteSession, put: Put) -> ShapeRecord:
+        record = matching(session)
+        if (record.sha256, record.format) != file.key:
+            stored = put(file)
+            if repository.same(session, collection, file, record.name) is not None:
                 raise NameTakenError(f"another shape has this file and the name {record.name!r}")
             repository.replace_file(session, record, file.format, stored)
-        return get(session, fingerprint, collection, shape_id)
+        return get(session, collection, shape_id)
 
-    return await change_file(container, check, replace)
-
-
-def _check_match(record: ShapeRecord, if_match: str | None) -> None:
-    """Raise unless If-Match, if given, matches the stored file."""
-    tag = entity_tag(record.sha256)
-    if if_match is not None and not is_known(if_match, tag):
-        raise FileChangedError(f"the ETag of the file is now {tag}")
+    await run_in_threadpool(check)
+    return (await store_files(container, [file], replace))[0]
 
 
 def as_npz(embedding: Embedding) -> bytes:

@@ -12,6 +12,9 @@ from service.collection import CollectionNumber
 Range = tuple[float, float]
 """Least and greatest value of a measurement; infinite where a side is open."""
 
+FileKey = tuple[str, str]
+"""The SHA-256 of a file, and its format."""
+
 
 @dataclass(frozen=True)
 class ShapeRecord:
@@ -48,15 +51,21 @@ class NewFile:
         """The SHA-256 of the bytes, as 64 hexadecimal digits."""
         return sha256(self.data)
 
+    @property
+    def key(self) -> FileKey:
+        """The SHA-256 and the format."""
+        return self.sha256, self.format
+
 
 @dataclass(frozen=True)
 class NewShape(NewFile):
-    """A file to store as a shape, its collection and its fields."""
+    """A file to store as a shape, its collection and its fields, and whether it is a part of another."""
 
     collection: CollectionNumber
     name: str
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
+    is_part: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,14 +151,6 @@ class StoredShape:
 
     shape: ShapeRecord
     created: bool
-
-
-@dataclass(frozen=True)
-class StoredAssembly:
-    """The shapes of an assembly after an upload: of the whole, and of its distinct parts."""
-
-    whole: StoredShape
-    parts: tuple[StoredShape, ...]
 
 
 Sort = Literal["oldest", "newest", "name"]

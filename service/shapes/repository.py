@@ -31,6 +31,7 @@ from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.erasure import drop_unused, erase
 from service.storage.tables import (
     NOT_DELETED,
+    ArchiveRow,
     BlobRow,
     CollectionRow,
     DuplicatePairRow,
@@ -101,7 +102,6 @@ def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bo
 
 def page(
     session: ReadSession,
-    fingerprint: str,
     shapes: ShapeFilter,
     *,
     after: Position | None,
@@ -124,24 +124,22 @@ def page(
         query = query.order_by(ShapeRow.number)
         if after is not None:
             query = query.where(ShapeRow.number > after.number)
-    return records(session, fingerprint, shapes.collection, session.scalars(query).all())
+    return records(session, shapes.collection, session.scalars(query).all())
 
 
 def by_id(
     session: ReadSession,
-    fingerprint: str,
     collection: CollectionNumber,
     shape_id: str,
     condition: ColumnElement[bool] = NOT_DELETED,
 ) -> ShapeRecord | None:
     """Return the shape of a collection with an id, if it satisfies a condition."""
     numbers = session.scalars(select(ShapeRow.number).where(ShapeRow.id == shape_id)).all()
-    return next(iter(records(session, fingerprint, collection, numbers, condition)), None)
+    return next(iter(records(session, collection, numbers, condition)), None)
 
 
 def records(
     session: ReadSession,
-    fingerprint: str,
     collection: CollectionNumber,
     numbers: Sequence[int],
     condition: ColumnElement[bool] = NOT_DELETED,
@@ -150,7 +148,7 @@ def records(
     shown = (
         select(ShapeRow, BlobRow.sha256, BlobRow.size, EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
-        .outerjoin(EmbeddingRow, is_its_embedding(fingerprint))
+        .outerjoin(EmbeddingRow, is_its_embedding(select(ArchiveRow.fingerprint).scalar_subquery()))
         .where(ShapeRow.number.in_(numbers), ShapeRow.collection_number == collection, condition)
     )
     tags: dict[int, list[str]] = {}
@@ -180,7 +178,6 @@ def records(
 
 def deleted_page(
     session: ReadSession,
-    fingerprint: str,
     collection: CollectionNumber,
     since: datetime,
     *,
@@ -198,7 +195,7 @@ def deleted_page(
     )
     rows = session.execute(query).all()
     deletions = {number: revision for revision, number in rows}
-    shapes = records(session, fingerprint, collection, list(deletions), ~NOT_DELETED)
+    shapes = records(session, collection, list(deletions), ~NOT_DELETED)
     return [(deletions[shape.number], shape) for shape in shapes]
 
 
@@ -209,10 +206,10 @@ def count_deleted(session: ReadSession, collection: CollectionNumber, since: dat
 
 
 def deleted_by_id(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str, since: datetime
+    session: ReadSession, collection: CollectionNumber, shape_id: str, since: datetime
 ) -> ShapeRecord | None:
     """Return the shape with an id, if it was deleted from a collection since a time."""
-    return by_id(session, fingerprint, collection, shape_id, ShapeRow.deleted_at > since)
+    return by_id(session, collection, shape_id, ShapeRow.deleted_at > since)
 
 
 def any_deleted_until(session: ReadSession, moment: datetime) -> bool:
@@ -227,7 +224,6 @@ def erase_deleted_until(session: WriteSession, moment: datetime) -> None:
 
 def same(
     session: ReadSession,
-    fingerprint: str,
     collection: CollectionNumber,
     file: NewFile | ShapeRecord,
     name: str,
@@ -244,7 +240,7 @@ def same(
             NOT_DELETED,
         )
     ).all()
-    return next(iter(records(session, fingerprint, collection, numbers)), None)
+    return next(iter(records(session, collection, numbers)), None)
 
 
 def mark_changed(session: WriteSession, blob_number: int, format: str, facts: Mapping[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """Shapes as JSON."""
 
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from core.parameters import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
 from service.shapes.listing import Page
-from service.shapes.records import Changes, ShapeRecord, StoredAssembly, StoredShape
+from service.shapes.records import Changes, ShapeRecord, StoredShape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -226,10 +227,10 @@ class Assembly(SplitShape):
     )
 
     @classmethod
-    def of_stored(cls, stored: StoredAssembly) -> "Assembly":
-        """Return the JSON of an assembly after the upload."""
-        parts = [SplitShape.of_one(part) for part in stored.parts]
-        return cls(**SplitShape.of_one(stored.whole).model_dump(), parts=parts)
+    def of_stored(cls, stored: Sequence[StoredShape]) -> "Assembly":
+        """Return the JSON of an assembly after the upload: of the whole, and of its parts."""
+        whole, *parts = map(SplitShape.of_one, stored)
+        return cls(**whole.model_dump(), parts=parts)
 
 
 class ShapeFields(BaseModel):

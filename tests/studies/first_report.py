@@ -83,7 +83,7 @@ async def _groups(container: Container) -> tuple[Groups, Groups]:
     with container.database.read() as session:
         active = container.pipelines.current(session)
         numbers = shapes_repository.numbers(session, ShapeFilter(DEFAULT_COLLECTION.number))
-        shapes = shapes_repository.records(session, active.fingerprint, DEFAULT_COLLECTION.number, numbers)
+        shapes = shapes_repository.records(session, DEFAULT_COLLECTION.number, numbers)
         entries = active.index.current(session)
         embeddings = dict(zip(entries.shapes.tolist(), entries.embeddings.tolist(), strict=True))
         by_number = repository.embedding_records(session, list(embeddings.values()))

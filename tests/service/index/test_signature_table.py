@@ -49,7 +49,7 @@ def store(
         if not file_repository.is_embedded(session, fingerprint, new.sha256, "off"):
             file_repository.add_embedding(session, blob, "off", fingerprint, embedded)
             repository.mark_changed(session, blob, "off", embedded.facts)
-        if repository.same(session, fingerprint, new.collection, new, name) is None:
+        if repository.same(session, new.collection, new, name) is None:
             repository.add_shape(session, blob, new, {})
 
 
@@ -57,7 +57,7 @@ def remove(database: Database, content: int, name: str, *, permanent: bool = Tru
     """Erase a shape, or delete it until it is restored."""
     file = NewFile(str(content).encode(), "off")
     with database.write() as session:
-        record = repository.same(session, FINGERPRINT, DEFAULT_COLLECTION.number, file, name)
+        record = repository.same(session, DEFAULT_COLLECTION.number, file, name)
         assert record is not None
         (repository.erase_shape if permanent else repository.delete_shape)(session, record)
         return record

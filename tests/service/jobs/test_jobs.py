@@ -348,7 +348,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, number: int, *errors: Exception) ->
     store, left = shapes_service._store, list(errors)
 
     def fail_or_store(*arguments: object) -> object:
-        if left and arguments[2].data == small_file(number):  # type: ignore[attr-defined]
+        if left and arguments[2][0].data == small_file(number):  # type: ignore[attr-defined]
             raise left.pop(0)
         return store(*arguments)  # type: ignore[arg-type]
 

@@ -12,7 +12,7 @@ from core.errors import DegenerateMeshError
 from core.io import read_mesh, read_parts
 from core.pipeline import Pipeline
 from service.compute.tasks import Embedded
-from service.shapes import assemblies
+from service.shapes import service as shapes_service
 from service.shapes.fields import METADATA_BYTES, METADATA_KEYS, NAME_CHARACTERS
 from tests.core.io.files import off
 from tests.core.io.step_files import step_box, step_circle, step_doubled, step_machine
@@ -198,16 +198,16 @@ def test_a_part_that_cannot_be_embedded_is_named_and_nothing_is_stored(
 
 
 def test_a_fault_while_storing_leaves_nothing(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    put = assemblies.put_shape
+    put_shape = shapes_service.put_shape
     names = []
 
-    def fail_late(session: Any, fingerprint: str, new: Any, embedded: Any) -> Any:
+    def fail_late(session: Any, put: Any, new: Any) -> Any:
         names.append(new.name)
         if len(names) == 4:
-            return None
-        return put(session, fingerprint, new, embedded)
+            raise shapes_service.EmbeddingMissingError
+        return put_shape(session, put, new)
 
-    monkeypatch.setattr(assemblies, "put_shape", fail_late)
+    monkeypatch.setattr(shapes_service, "put_shape", fail_late)
     answer = split(service)
     # The first attempt is rolled back with its three shapes; the second one stores all.
     assert names == [*["machine.step", *PARTS][:4], "machine.step", *PARTS]

@@ -11,7 +11,6 @@ import pytest
 from sqlalchemy import select
 from typer.testing import CliRunner
 
-from core.parameters import DEFAULT
 from service.cli.commands import command_line
 from service.collection import DEFAULT_COLLECTION
 from service.collections import repository as sets
@@ -56,8 +55,8 @@ def archive(tmp_path: Path) -> Path:
         claim = Claim(DEFAULT_COLLECTION.number, "", "key", "payload", now + timedelta(hours=1))
         idempotency.keep(session, claim, Kept(201, "/shapes/x", "{}"), now)
         number = session.scalars(select(ShapeRow.number).where(ShapeRow.name == "4")).one()
-        own = DEFAULT.fingerprint, DEFAULT_COLLECTION.number
-        repository.delete_shape(session, repository.records(session, *own, [number])[0])
+        own = DEFAULT_COLLECTION.number
+        repository.delete_shape(session, repository.records(session, own, [number])[0])
     return path
 
 
@@ -115,9 +114,7 @@ def test_a_target_that_is_not_empty_is_left_alone(archive: Path, tmp_path: Path)
     assert content(other) == before
     with opened(file(other)) as database, database.write() as session:
         (number,) = session.scalars(select(ShapeRow.number))
-        repository.erase_shape(
-            session, repository.records(session, DEFAULT.fingerprint, DEFAULT_COLLECTION.number, [number])[0]
-        )
+        repository.erase_shape(session, repository.records(session, DEFAULT_COLLECTION.number, [number])[0])
     with pytest.raises(ArchiveError, match="not empty"):
         copied(file(archive), file(other))
 
