@@ -23,8 +23,7 @@ from service.jobs.zip_archive import (
     MalformedArchiveError,
     MemberError,
     MemberFault,
-    list_members,
-    read_members,
+    ZipArchive,
 )
 from service.settings import Settings
 from service.shapes.listing import write_cursor
@@ -201,19 +200,20 @@ class Jobs:
             The archive cannot be read, or is not in the folder.
         """
         try:
-            archive = self.archive_path(job.id).open("rb")
+            file = self.archive_path(job.id).open("rb")
         except FileNotFoundError as error:
             raise MalformedArchiveError(
                 "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
             ) from error
-        with archive:
+        with file:
+            archive = ZipArchive(file, self._settings)
             if job.state == "waiting":
-                members = list_members(archive, self._settings)
+                members = archive.members()
                 with self._database.write() as session:
                     repository.begin(session, job.number, members, datetime.now(UTC))
             with self._database.read() as session:
                 unread = {row.position: row for row in repository.without_outcome(session, job.number)}
-            for position, content in read_members(archive, self._settings, frozenset(unread)):
+            for position, content in archive.read(frozenset(unread)):
                 yield unread.pop(position), content
         for row in unread.values():
             yield row, MemberError("member-damaged", "the archive is damaged before this file")

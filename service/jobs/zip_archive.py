@@ -67,14 +67,8 @@ class MemberError(ServiceError):
 class ArchiveMember:
     """A member that is not a folder.
 
-    Attributes
-    ----------
-    path : str
-        Name in the archive, with unprintable characters replaced.
-    name : str
-        Name of the shape: the last part of the path.
-    fault : MemberFault or None
-        The reason to refuse the member, as far as its header tells.
+    `path` is its name in the archive, with unprintable characters replaced; `name` is the last part, the name
+    of the shape. `fault` is the reason to refuse the member, as far as its header tells.
     """
 
     path: str
@@ -94,60 +88,89 @@ def check_zip(file: BinaryIO) -> None:
         raise UnknownArchiveError("the file is not a zip")
 
 
-def list_members(file: BinaryIO, limits: Settings) -> list[ArchiveMember]:
-    """List all members by the directory of an archive.
+class ZipArchive:
+    """A zip. Its members except folders have positions from 0.
 
     Raises
     ------
     ArchiveTooLargeError
-        The archive exceeds the limit of members or of bytes.
+        It has more members than the limit.
     MalformedArchiveError
-        The directory cannot be read.
+        Its directory cannot be read.
     """
-    members: list[ArchiveMember] = []
-    paths: set[str] = set()
-    total = 0
-    for info in _opened(file, limits)[2]:
-        path = info.orig_filename
-        fault: MemberFault | None = None
+
+    def __init__(self, file: BinaryIO, limits: Settings) -> None:
+        self._limits = limits
+        most = limits.max_archive_files
+        self._file = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * most))
         try:
-            normalised = _normalised(path)
-            if normalised in paths:
-                raise MemberError("member-repeated", "a member of the archive before it has this name")
-            _check_name(path)
-            paths.add(normalised)
-            _check_header(info, limits)
-            format_of(base_name(path))
-        except (ServiceError, CoreError) as error:
-            fault = error
-        shown_path = shown(path)[:PATH_CHARACTERS]
-        name = base_name(shown_path) if fault is not None else clean_name(base_name(path))
-        members.append(ArchiveMember(shown_path, name, fault))
-        total += info.file_size if fault is None else 0
-    if total > limits.max_unpacked_bytes:
-        raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {limits.max_unpacked_bytes}")
-    return members
+            self._zip = zipfile.ZipFile(self._file)
+        except ServiceError:
+            raise
+        # Hostile directories can make the library raise any exception.
+        except Exception as error:
+            raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
+        infos = self._zip.infolist()
+        if len(infos) > most:
+            raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {most}")
+        self._infos = [info for info in infos if not info.is_dir()]
 
+    def members(self) -> list[ArchiveMember]:
+        """List all members by the directory.
 
-def read_members(
-    file: BinaryIO, limits: Settings, wanted: Container[int]
-) -> Iterator[tuple[int, bytes | MemberFault]]:
-    """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order.
-
-    Raises
-    ------
-    ArchiveTooLargeError
-        The archive exceeds the limit of members.
-    MalformedArchiveError
-        The directory cannot be read.
-    """
-    archive, bounded, infos = _opened(file, limits)
-    for position, info in enumerate(infos):
-        if position in wanted:
+        Raises
+        ------
+        ArchiveTooLargeError
+            The sizes of the members that are taken sum up to more than the limit.
+        """
+        members: list[ArchiveMember] = []
+        paths: set[str] = set()
+        total = 0
+        for info in self._infos:
+            path = info.orig_filename
+            shown_path = shown(path)[:PATH_CHARACTERS]
             try:
-                yield position, _unpacked(archive, bounded, info, limits)
-            except MemberError as error:
-                yield position, error
+                normalised = _normalised(path)
+                if normalised in paths:
+                    raise MemberError("member-repeated", "a member of the archive before it has this name")
+                name = _checked_name(path)
+                paths.add(normalised)
+                _check_header(info, self._limits)
+                format_of(base_name(path))
+                members.append(ArchiveMember(shown_path, name, None))
+                total += info.file_size
+            except (ServiceError, CoreError) as error:
+                members.append(ArchiveMember(shown_path, base_name(shown_path), error))
+        most = self._limits.max_unpacked_bytes
+        if total > most:
+            raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {most}")
+        return members
+
+    def read(self, wanted: Container[int]) -> Iterator[tuple[int, bytes | MemberFault]]:
+        """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order."""
+        for position, info in enumerate(self._infos):
+            if position in wanted:
+                try:
+                    yield position, self._unpacked(info)
+                except MemberError as error:
+                    yield position, error
+
+    def _unpacked(self, info: zipfile.ZipInfo) -> bytes:
+        """Unpack a member and check the limits meanwhile."""
+        data = bytearray()
+        before = self._file.taken
+        try:
+            with self._zip.open(info) as opened:
+                while piece := opened.read(PIECE):
+                    data += piece
+                    _check_size(self._limits, len(data), self._file.taken - before)
+        except ServiceError:
+            raise
+        except Exception as error:
+            raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
+        if len(data) != info.file_size:
+            raise MemberError("member-damaged", "it has fewer bytes than the directory says")
+        return bytes(data)
 
 
 def shown(text: str) -> str:
@@ -179,42 +202,6 @@ class _BoundedFile:
         return data
 
 
-def _opened(file: BinaryIO, limits: Settings) -> tuple[zipfile.ZipFile, _BoundedFile, list[zipfile.ZipInfo]]:
-    """Return the archive, the file that it reads, and its members except folders."""
-    bounded = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * limits.max_archive_files))
-    try:
-        archive = zipfile.ZipFile(bounded)
-    except ServiceError:
-        raise
-    # Hostile directories can make the library raise any exception.
-    except Exception as error:
-        raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
-    infos = archive.infolist()
-    if len(infos) > limits.max_archive_files:
-        raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {limits.max_archive_files}")
-    return archive, bounded, [info for info in infos if not info.is_dir()]
-
-
-def _unpacked(
-    archive: zipfile.ZipFile, bounded: _BoundedFile, info: zipfile.ZipInfo, limits: Settings
-) -> bytes:
-    """Unpack a member and check the limits meanwhile."""
-    data = bytearray()
-    before = bounded.taken
-    try:
-        with archive.open(info) as opened:
-            while piece := opened.read(PIECE):
-                data += piece
-                _check_size(limits, len(data), bounded.taken - before)
-    except ServiceError:
-        raise
-    except Exception as error:
-        raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
-    if len(data) != info.file_size:
-        raise MemberError("member-damaged", "it has fewer bytes than the directory says")
-    return bytes(data)
-
-
 def _normalised(path: str) -> str:
     """Return the path without empty parts and `.`; raise MemberError if it leads out of the archive."""
     slashed = path.replace("\\", "/")
@@ -228,23 +215,22 @@ def _normalised(path: str) -> str:
     return "/".join(parts)
 
 
-def _check_name(path: str) -> None:
-    """Raise unless the last part of a path can be the name of a shape, and is not that of an archive."""
+def _checked_name(path: str) -> str:
+    """Return the last part of a path; raise MemberError unless it can be the name of a shape."""
     try:
         name = clean_name(base_name(path))
     except ValueError as error:
         raise MemberError("member-name", f"its name cannot be a shape's: {error}") from error
     if name.rpartition(".")[2].lower() in _NESTED:
         raise MemberError("nested-archive", "an archive inside of an archive is not read: send it by itself")
+    return name
 
 
 def _check_header(info: zipfile.ZipInfo, limits: Settings) -> None:
     """Raise if the directory says that a member is no plain file of a size that is taken."""
     kind = stat.S_IFMT(info.external_attr >> 16)
-    if stat.S_ISLNK(kind):
-        raise MemberError("member-kind", "it is a link")
     if kind and not stat.S_ISREG(kind):
-        raise MemberError("member-kind", "it is not a regular file")
+        raise MemberError("member-kind", "it is a link" if stat.S_ISLNK(kind) else "it is not a regular file")
     if info.flag_bits & ENCRYPTED:
         raise MemberError("member-encrypted", "it is encrypted")
     if info.compress_type not in METHODS:

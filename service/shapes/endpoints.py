@@ -164,8 +164,7 @@ def list_shapes(
     after = read_position(listing.cursor, listing.sort)
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
-        page = service.list_page(session, wanted, after=after, limit=listing.limit, sort=listing.sort)
-    return ShapePage.of(page)
+        return service.list_page(session, wanted, after=after, limit=listing.limit, sort=listing.sort)
 
 
 @router.get(
@@ -249,8 +248,7 @@ def list_deleted(
     """Return the shapes that can be restored, in the order of their deletion, a page at a time."""
     after, keep = read_cursor(listing.cursor), container.settings.undo_time
     with container.database.read() as session:
-        page = service.list_deleted(session, collection.number, keep, after=after, limit=listing.limit)
-    return DeletedShapePage.of(page, keep)
+        return service.list_deleted(session, collection.number, keep, after=after, limit=listing.limit)
 
 
 @router.delete(

@@ -20,6 +20,7 @@ from service.shapes.records import (
     ShapeRecord,
     StoredEmbedding,
 )
+from service.shapes.schemas import ARRAYS
 from service.shapes.service import Put, get, store_files
 from service.storage.database import ReadSession, WriteSession
 
@@ -133,15 +134,7 @@ async def replace_file(
 
 def as_npz(embedding: Embedding) -> bytes:
     """Return an embedding as a NumPy archive; names of spectral arrays begin with the spectrum's name."""
-    arrays: dict[str, Any] = {
-        "positions": embedding.positions,
-        "vertices": embedding.vertices,
-        "graph_edges": embedding.graph_edges,
-        "graph_lengths": embedding.graph_lengths,
-        "tree_edges": embedding.tree_edges,
-        "regions": embedding.regions,
-        "signature": embedding.signature,
-    }
+    arrays: dict[str, Any] = {name: getattr(embedding, name) for name in ARRAYS}
     for spectrum in embedding.spectra:
         arrays[f"{spectrum.name}_eigenvalues"] = spectrum.eigenvalues
         arrays[f"{spectrum.name}_coordinates"] = spectrum.coordinates

@@ -1,12 +1,10 @@
 """Lists of shapes: filters as clients write them, the same for all operations, and cursors of pages."""
 
 import base64
-import binascii
 import json
 import math
 import re
-from dataclasses import dataclass
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -38,14 +36,9 @@ def range_of(text: str) -> Range:
     return values
 
 
-def _checked_range(text: str) -> str:
-    range_of(text)
-    return text
-
-
 SizeRange = Annotated[
     str,
-    AfterValidator(_checked_range),
+    AfterValidator(lambda text: range_of(text) and text),
     Field(max_length=64, json_schema_extra={"pattern": RANGE}),
 ]
 
@@ -105,57 +98,21 @@ class Filters(BaseModel):
             if not (key and equals):
                 raise BadRequestFieldsError(FieldFault("metadata", "must be written key=value"))
             metadata.append((key, value))
-        area, volume, length = (
-            None if text is None else range_of(text) for text in (self.area, self.volume, self.length)
-        )
-        return ShapeFilter(
-            collection,
-            tuple(self.tag),
-            self.name,
-            tuple(metadata),
-            area=area,
-            volume=volume,
-            length=length,
-        )
+        sizes = {"area": self.area, "volume": self.volume, "length": self.length}
+        ranges: dict[str, Any] = {name: range_of(text) for name, text in sizes.items() if text is not None}
+        return ShapeFilter(collection, tuple(self.tag), self.name, tuple(metadata), **ranges)
 
 
-Item = TypeVar("Item")
-
-
-@dataclass(frozen=True)
-class Page(Generic[Item]):
-    """A page of a list, the number of all items, and the cursor of the next page if more follow."""
-
-    items: list[Item]
-    total: int
-    next_cursor: str | None
-
-
-def write_cursor(after: int) -> str:
-    """Return the cursor of the page after the row with a number."""
-    return _written({"after": after})
-
-
-def write_position(position: Position) -> str:
-    """Return the cursor of the page after a position in a list of shapes."""
-    name = {} if position.name is None else {"name": position.name}
-    return _written({"after": position.number, **name})
+def write_cursor(after: int, name: str | None = None) -> str:
+    """Return the cursor of the page after the row with a number, and a name in a list by name."""
+    content = {"after": after} if name is None else {"after": after, "name": name}
+    return base64.urlsafe_b64encode(json.dumps(content).encode()).decode().rstrip("=")
 
 
 def read_cursor(cursor: str | None) -> int:
-    """Return the number in a cursor; 0 for the first page.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        The cursor is malformed.
-    """
-    if cursor is None:
-        return 0
-    after = _read(cursor).get("after")
-    if not isinstance(after, int) or not 0 <= after < 2**63:
-        raise _fault()
-    return after
+    """Return the number in a cursor; 0 for the first page. It raises the errors of `read_position`."""
+    position = read_position(cursor, "oldest")
+    return 0 if position is None else position.number
 
 
 def read_position(cursor: str | None, sort: Sort) -> Position | None:
@@ -168,25 +125,14 @@ def read_position(cursor: str | None, sort: Sort) -> Position | None:
     """
     if cursor is None:
         return None
-    number, name = read_cursor(cursor), _read(cursor).get("name")
-    if isinstance(name, str) != (sort == "name"):
-        raise _fault(f"the cursor belongs to a list in another order than sort={sort}")
-    return Position(number, name)
-
-
-def _fault(message: str = "this service did not create the cursor") -> BadRequestFieldsError:
-    return BadRequestFieldsError(FieldFault("cursor", message))
-
-
-def _written(content: dict[str, Any]) -> str:
-    return base64.urlsafe_b64encode(json.dumps(content).encode()).decode().rstrip("=")
-
-
-def _read(cursor: str) -> dict[str, Any]:
     try:
         content = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
-    except (binascii.Error, ValueError):
-        content = None
-    if not isinstance(content, dict):
-        raise _fault()
-    return content
+        number, name = content["after"], content.get("name")
+    except (AttributeError, KeyError, TypeError, ValueError):
+        number = name = None
+    if not isinstance(number, int) or not 0 <= number < 2**63:
+        raise BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
+    if isinstance(name, str) != (sort == "name"):
+        message = f"the cursor belongs to a list in another order than sort={sort}"
+        raise BadRequestFieldsError(FieldFault("cursor", message))
+    return Position(number, name)

@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from core.errors import BadRecordError, CoreError
+from core.errors import CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.compute.request_queue import RequestQueue
@@ -33,18 +33,10 @@ File = tuple[int, str]
 
 @dataclass
 class ReembeddingResult:
-    """The result of a run.
+    """The result of a run: how many embeddings it computed, and whether the pipeline is active now.
 
-    Attributes
-    ----------
-    made : int
-        Number of embeddings that the run computed.
-    refused : list
-        Names of the shapes without an embedding, each with the reason.
-    active : bool
-        Whether the pipeline is active now.
-    changed : bool
-        Whether the run activated it.
+    `refused` has the names of the shapes without an embedding, each with the reason; `changed` tells whether
+    the run activated the pipeline.
     """
 
     made: int = 0
@@ -54,16 +46,7 @@ class ReembeddingResult:
 
 
 class Reembedding:
-    """Embeds an archive by a pipeline and activates it.
-
-    Parameters
-    ----------
-    database : Database
-    work : RequestQueue
-        Embeds the files.
-    parameters : Parameters
-        The parameters of the pipeline.
-    """
+    """Embeds the files of a database by the pipeline with some parameters, and activates it."""
 
     def __init__(self, database: Database, work: RequestQueue, parameters: Parameters) -> None:
         self._database = database
@@ -71,12 +54,6 @@ class Reembedding:
         self._parameters = parameters
         self._pipeline = Pipeline(parameters)
         self._refused: dict[File, str] = {}
-
-    def todo(self) -> list[File]:
-        """Return the files without an embedding, except those that the pipeline refused."""
-        with self._database.read() as session:
-            files = repository.unembedded(session, self._pipeline.fingerprint)
-        return [file for file in files if file not in self._refused]
 
     async def run(
         self, *, at_once: int, leave_out: bool, advance: Callable[[int, int], object]
@@ -95,22 +72,21 @@ class Reembedding:
         result = ReembeddingResult()
         done = 0
         while not result.active:
-            files = await asyncio.to_thread(self.todo)
+            files = await asyncio.to_thread(self._todo)
             advance(done, done + len(files))
-            waiting = iter(files)
 
-            async def take(waiting: Iterator[File] = waiting, total: int = done + len(files)) -> None:
+            async def take(waiting: Iterator[File], total: int) -> None:
                 nonlocal done
                 for file in waiting:
-                    made = await self._embed(file)
-                    result.made += made
+                    result.made += await self._embed(file)
                     done += 1
                     advance(done, total)
 
+            waiting, total = iter(files), done + len(files)
             try:
                 async with asyncio.TaskGroup() as group:
                     for _ in range(at_once):
-                        group.create_task(take())
+                        group.create_task(take(waiting, total))
             except ExceptionGroup as several:
                 raise several.exceptions[0] from None
             if self._refused and not leave_out:
@@ -120,40 +96,37 @@ class Reembedding:
         return result
 
     async def _embed(self, file: File) -> bool:
-        """Embed a file unless it was deleted; whether it was embedded."""
+        """Embed a file and store its embedding, unless it was deleted; return whether it was stored."""
         number, format = file
-        try:
-            read = await asyncio.to_thread(self._read, number)
-        except BadRecordError as error:
-            self._refused[file] = str(error)
-            return False
-        if read is None:
-            return False
-        sha256, data = read
         tries_left = TRIES
         while True:
             try:
-                embedded = await self._work.embed(data, format, self._pipeline)
-                break
+                blob = await asyncio.to_thread(self._read, number)
+                if blob is None:
+                    return False
+                embedded = await self._work.embed(blob[1], format, self._pipeline)
+                return await asyncio.to_thread(self._store, number, blob[0], format, embedded)
             except ClusterUnavailableError as error:
                 log.warning("waiting for the cluster: %s", error)
                 await asyncio.sleep(CLUSTER_SECONDS)
-            except (CoreError, FileTimeLimitError) as error:
-                self._refused[file] = str(error)
-                return False
-            except WorkerLostError as error:
+            except (CoreError, FileTimeLimitError, WorkerLostError) as error:
                 tries_left -= 1
-                if not tries_left:
+                if not tries_left or not isinstance(error, WorkerLostError):
                     self._refused[file] = str(error)
                     return False
-        return await asyncio.to_thread(self._store, number, sha256, format, embedded)
+
+    def _todo(self) -> list[File]:
+        """Return the files without an embedding, except those that the pipeline refused."""
+        with self._database.read() as session:
+            files = repository.unembedded(session, self._pipeline.fingerprint)
+        return [file for file in files if file not in self._refused]
 
     def _read(self, number: int) -> tuple[str, bytes] | None:
         with self._database.read() as session:
             return repository.blob(session, number)
 
     def _store(self, number: int, sha256: str, format: str, embedded: Embedded) -> bool:
-        """Store an embedding, unless the file was deleted or has one; whether it was stored."""
+        """Store an embedding, unless the file was deleted or has one; return whether it was stored."""
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             wanted = repository.names(session, number, format)
@@ -164,7 +137,7 @@ class Reembedding:
             return True
 
     def _activate(self) -> tuple[bool, bool]:
-        """Activate the pipeline, unless it has not embedded all new files; whether it is active, and new."""
+        """Activate the pipeline if all files are embedded; return whether it is active now, and newly so."""
         fingerprint = self._pipeline.fingerprint
         with self._database.write() as session:
             lacking = repository.unembedded(session, fingerprint)

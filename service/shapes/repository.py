@@ -2,7 +2,6 @@
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -128,13 +127,11 @@ def page(
 
 
 def by_id(
-    session: ReadSession,
-    collection: CollectionNumber,
-    shape_id: str,
-    condition: ColumnElement[bool] = NOT_DELETED,
+    session: ReadSession, collection: CollectionNumber, shape_id: str, deleted_since: datetime | None = None
 ) -> ShapeRecord | None:
-    """Return the shape of a collection with an id, if it satisfies a condition."""
+    """Return the shape of a collection with an id; with `deleted_since`, one that was deleted since then."""
     numbers = session.scalars(select(ShapeRow.number).where(ShapeRow.id == shape_id)).all()
+    condition = NOT_DELETED if deleted_since is None else ShapeRow.deleted_at > deleted_since
     return next(iter(records(session, collection, numbers, condition)), None)
 
 
@@ -205,13 +202,6 @@ def count_deleted(session: ReadSession, collection: CollectionNumber, since: dat
     return session.scalar(query) or 0
 
 
-def deleted_by_id(
-    session: ReadSession, collection: CollectionNumber, shape_id: str, since: datetime
-) -> ShapeRecord | None:
-    """Return the shape with an id, if it was deleted from a collection since a time."""
-    return by_id(session, collection, shape_id, ShapeRow.deleted_at > since)
-
-
 def any_deleted_until(session: ReadSession, moment: datetime) -> bool:
     """Return whether a shape was deleted at a time or before."""
     return session.scalar(select(ShapeRow.number).where(ShapeRow.deleted_at <= moment).limit(1)) is not None
@@ -255,33 +245,19 @@ def add_shape(
 ) -> ShapeRecord:
     """Store a shape on an embedded blob."""
     now = datetime.now(UTC)
-    record = ShapeRecord(
-        number=0,
-        id=str(uuid.uuid4()),
-        name=new.name,
-        tags=new.tags,
-        metadata=new.metadata,
-        format=new.format,
-        size=len(new.data),
-        sha256=new.sha256,
-        facts=facts,
-        embedded=True,
-        created_at=now,
-        updated_at=now,
-    )
     number = session.insert(
         ShapeRow,
         {
-            "id": record.id,
+            "id": str(uuid.uuid4()),
             "collection_number": new.collection,
             "blob_number": blob_number,
-            "format": record.format,
-            "name": record.name,
-            "folded_name": record.name.casefold(),
-            "meta": dict(record.metadata),
-            "facts": dict(record.facts),
-            "created_at": record.created_at,
-            "updated_at": record.updated_at,
+            "format": new.format,
+            "name": new.name,
+            "folded_name": new.name.casefold(),
+            "meta": dict(new.metadata),
+            "facts": dict(facts),
+            "created_at": now,
+            "updated_at": now,
             "revision": next_revision(session),
             # It covers the tags and the metadata, whose rows refer to this one.
             "checksum": "",
@@ -290,7 +266,7 @@ def add_shape(
     _write_tags(session, number, new.tags)
     _write_plain_values(session, number, new.metadata)
     _store_checksums(session, [number])
-    return replace(record, number=number)
+    return records(session, new.collection, [number])[0]
 
 
 def change(session: WriteSession, number: int, changes: Changes) -> None:

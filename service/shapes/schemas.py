@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.parameters import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
-from service.shapes.listing import Page
 from service.shapes.records import Changes, ShapeRecord, StoredShape
 
 if TYPE_CHECKING:
@@ -105,19 +104,17 @@ class Shape(BaseModel):
     def of(cls, record: ShapeRecord) -> "Shape":
         """Return the JSON of a record."""
         return cls(
-            id=record.id,
-            name=record.name,
-            tags=list(record.tags),
-            metadata=dict(record.metadata),
-            format=record.format,
-            bytes=record.size,
-            sha256=record.sha256,
+            **_fields(record),
             facts=MeshFacts.model_validate({**record.facts, "closed": record.facts["boundary_edges"] == 0}),
             warnings=warnings_of(record.facts["boundary_ratio"]),
             embedded=record.embedded,
-            created_at=record.created_at,
             updated_at=record.updated_at,
         )
+
+
+def _fields(record: ShapeRecord) -> dict[str, Any]:
+    names = ("id", "name", "tags", "metadata", "format", "sha256", "created_at")
+    return {"bytes": record.size, **{name: getattr(record, name) for name in names}}
 
 
 class ShapePage(BaseModel):
@@ -130,15 +127,6 @@ class ShapePage(BaseModel):
     shapes: list[Shape]
     total: int = Field(description="The number of shapes that pass the filter, over all pages.")
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
-
-    @classmethod
-    def of(cls, page: Page[ShapeRecord]) -> "ShapePage":
-        """Return the JSON of a page."""
-        return cls(
-            shapes=[Shape.of(record) for record in page.items],
-            total=page.total,
-            next_cursor=page.next_cursor,
-        )
 
 
 class DeletedShape(BaseModel):
@@ -159,18 +147,7 @@ class DeletedShape(BaseModel):
     def of(cls, record: ShapeRecord, keep: timedelta) -> "DeletedShape":
         """Return the JSON of a record."""
         assert record.deleted_at is not None
-        return cls(
-            id=record.id,
-            name=record.name,
-            tags=list(record.tags),
-            metadata=dict(record.metadata),
-            format=record.format,
-            bytes=record.size,
-            sha256=record.sha256,
-            created_at=record.created_at,
-            deleted_at=record.deleted_at,
-            gone_at=record.deleted_at + keep,
-        )
+        return cls(**_fields(record), deleted_at=record.deleted_at, gone_at=record.deleted_at + keep)
 
 
 class DeletedShapePage(BaseModel):
@@ -180,16 +157,6 @@ class DeletedShapePage(BaseModel):
     total: int = Field(description="The number of shapes that can be restored.")
     undo_days: float = Field(description="How many days after its deletion a shape can be restored.")
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
-
-    @classmethod
-    def of(cls, page: Page[ShapeRecord], keep: timedelta) -> "DeletedShapePage":
-        """Return the JSON of a page."""
-        return cls(
-            shapes=[DeletedShape.of(record, keep) for record in page.items],
-            total=page.total,
-            undo_days=keep / timedelta(days=1),
-            next_cursor=page.next_cursor,
-        )
 
 
 PART: dict[str, Any] = {
@@ -281,6 +248,10 @@ class SpectrumArrays(BaseModel):
         )
 
 
+ARRAYS = ("positions", "vertices", "graph_edges", "graph_lengths", "tree_edges", "regions", "signature")
+"""The names of an embedding's arrays, without those of its spectra."""
+
+
 class EmbeddingArrays(BaseModel):
     """The embedding of a shape: the arrays that the service matches it by."""
 
@@ -299,18 +270,7 @@ class EmbeddingArrays(BaseModel):
     @classmethod
     def of(cls, embedding: "Embedding") -> "EmbeddingArrays":
         """Return the JSON of an embedding."""
-        arrays: dict[str, Any] = {
-            name: getattr(embedding, name).tolist()
-            for name in (
-                "positions",
-                "vertices",
-                "graph_edges",
-                "graph_lengths",
-                "tree_edges",
-                "regions",
-                "signature",
-            )
-        }
+        arrays: dict[str, Any] = {name: getattr(embedding, name).tolist() for name in ARRAYS}
         return cls(
             pipeline=embedding.fingerprint,
             spectra=[SpectrumArrays.of(spectrum) for spectrum in embedding.spectra],

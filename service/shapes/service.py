@@ -21,7 +21,7 @@ from service.observability.timings import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
 from service.shapes.assemblies import parts_of
-from service.shapes.listing import Page, write_cursor, write_position
+from service.shapes.listing import write_cursor
 from service.shapes.records import (
     Changes,
     FileKey,
@@ -34,7 +34,7 @@ from service.shapes.records import (
     StoredFile,
     StoredShape,
 )
-from service.shapes.schemas import Assembly, Shape
+from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, Shape, ShapePage
 from service.storage.database import Database, ReadSession, WriteSession
 
 log = get_logger("shapes")
@@ -145,26 +145,29 @@ async def store_files(
 
 def list_page(
     session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
-) -> Page[ShapeRecord]:
+) -> ShapePage:
     """Return one page of the shapes that match a filter, in an order."""
     records = repository.page(session, shapes, after=after, limit=limit + 1, sort=sort)
-    total = repository.count(session, shapes)
-    if len(records) <= limit:
-        return Page(records, total, None)
-    last = records[limit - 1]
-    position = Position(last.number, last.name.casefold() if sort == "name" else None)
-    return Page(records[:limit], total, write_position(position))
+    next_cursor = None
+    if len(records) > limit:
+        last = records[limit - 1]
+        next_cursor = write_cursor(last.number, last.name.casefold() if sort == "name" else None)
+    page = [Shape.of(record) for record in records[:limit]]
+    return ShapePage(shapes=page, total=repository.count(session, shapes), next_cursor=next_cursor)
 
 
-def get(session: ReadSession, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """Return the shape of a collection with an id.
+def get(
+    session: ReadSession, collection: CollectionNumber, shape_id: str, deleted: timedelta | None = None
+) -> ShapeRecord:
+    """Return the shape of a collection with an id; with `deleted`, a shape that was deleted in that time.
 
     Raises
     ------
     ShapeNotFoundError
         The collection has no such shape.
     """
-    record = repository.by_id(session, collection, shape_id)
+    since = None if deleted is None else datetime.now(UTC) - deleted
+    record = repository.by_id(session, collection, shape_id, since)
     if record is None:
         raise ShapeNotFoundError(shape_id)
     return record
@@ -210,13 +213,16 @@ def delete(session: WriteSession, collection: CollectionNumber, shape_id: str, k
 
 def list_deleted(
     session: ReadSession, collection: CollectionNumber, keep: timedelta, *, after: int, limit: int
-) -> Page[ShapeRecord]:
+) -> DeletedShapePage:
     """Return one page of a collection's shapes that can be restored, in the order of their deletion."""
     since = datetime.now(UTC) - keep
     rows = repository.deleted_page(session, collection, since, after=after, limit=limit + 1)
-    total = repository.count_deleted(session, collection, since)
-    next_cursor = write_cursor(rows[limit - 1][0]) if len(rows) > limit else None
-    return Page([shape for _, shape in rows[:limit]], total, next_cursor)
+    return DeletedShapePage(
+        shapes=[DeletedShape.of(record, keep) for _, record in rows[:limit]],
+        total=repository.count_deleted(session, collection, since),
+        undo_days=keep / timedelta(days=1),
+        next_cursor=write_cursor(rows[limit - 1][0]) if len(rows) > limit else None,
+    )
 
 
 async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
@@ -238,13 +244,13 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
 
     def read() -> NewFile:
         with container.database.read() as session:
-            record = get_deleted(session, collection, shape_id, keep)
+            record = get(session, collection, shape_id, deleted=keep)
             data = file_repository.file_of(session, collection, shape_id, deleted=True)
             assert data is not None
             return NewFile(data, record.format)
 
     def undo(session: WriteSession, put: Put) -> ShapeRecord:
-        record = get_deleted(session, collection, shape_id, keep)
+        record = get(session, collection, shape_id, deleted=keep)
         put(file)
         holder = repository.same(session, collection, record, record.name)
         if holder is not None:
@@ -256,26 +262,9 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
     return (await store_files(container, [file], undo))[0]
 
 
-def get_deleted(
-    session: ReadSession, collection: CollectionNumber, shape_id: str, keep: timedelta
-) -> ShapeRecord:
-    """Return the deleted shape of a collection with an id.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        No deleted shape has the id, or the time `keep` has passed.
-    """
-    since = datetime.now(UTC) - keep
-    record = repository.deleted_by_id(session, collection, shape_id, since)
-    if record is None:
-        raise ShapeNotFoundError(shape_id)
-    return record
-
-
 def purge(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
-    """Erase a deleted shape. It raises the errors of `get_deleted`."""
-    repository.erase_shape(session, get_deleted(session, collection, shape_id, keep))
+    """Erase a deleted shape. It raises the errors of `get`."""
+    repository.erase_shape(session, get(session, collection, shape_id, deleted=keep))
 
 
 def purge_old(database: Database, keep: timedelta) -> None:

@@ -18,7 +18,7 @@ from service.collection import DEFAULT_COLLECTION
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import events as events_module
 from service.jobs import service as jobs_service
-from service.jobs.zip_archive import ArchiveTooLargeError
+from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
 from service.shapes import service as shapes_service
 from service.storage.tables import JobFileRow, JobRow
@@ -398,7 +398,7 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
         def fail(*_arguments: object) -> None:
             raise error
 
-        patch.setattr(jobs_service, "read_members", fail)
+        patch.setattr(ZipArchive, "read", fail)
         job_id = begun(clean.client, pack(meshes(range(3))))
         failed = ended(clean.client, job_id)
     assert failed["state"] == "failed"

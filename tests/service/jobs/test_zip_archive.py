@@ -14,9 +14,8 @@ from service.jobs.zip_archive import (
     ArchiveTooLargeError,
     MalformedArchiveError,
     UnknownArchiveError,
+    ZipArchive,
     check_zip,
-    list_members,
-    read_members,
 )
 from service.settings import Settings
 from tests.service.jobs.support import pack, zip_link, zipped
@@ -30,11 +29,11 @@ NOISE = np.random.default_rng(0).bytes(200_000)
 
 def faults(data: bytes, limits: Settings = LIMITS) -> dict[str, str | None]:
     """Return each member's path and the kind of its fault, by its header or by its bytes."""
-    file = io.BytesIO(data)
-    members = list_members(file, limits)
+    archive = ZipArchive(io.BytesIO(data), limits)
+    members = archive.members()
     kinds = {member.path: member.fault and member.fault.kind for member in members}
     sound = {position: member.path for position, member in enumerate(members) if member.fault is None}
-    for position, content in read_members(file, limits, sound):
+    for position, content in archive.read(sound):
         kinds[sound.pop(position)] = None if isinstance(content, bytes) else content.kind
     assert not sound
     return kinds
@@ -44,8 +43,9 @@ def contents(data: bytes) -> dict[str, bytes]:
     """Return the bytes of each member that is read."""
     file = io.BytesIO(data)
     check_zip(file)
-    paths = {position: member.path for position, member in enumerate(list_members(file, LIMITS))}
-    members = read_members(file, LIMITS, paths)
+    archive = ZipArchive(file, LIMITS)
+    paths = {position: member.path for position, member in enumerate(archive.members())}
+    members = archive.read(paths)
     return {paths[position]: content for position, content in members if isinstance(content, bytes)}
 
 
@@ -72,7 +72,7 @@ def test_members_come_back_bit_for_bit_and_in_order() -> None:
     data = pack(files)
     assert list(contents(data).items()) == list(files.items())
     assert set(faults(data).values()) == {None}
-    wanted = dict(read_members(io.BytesIO(data), LIMITS, {1, 4}))
+    wanted = dict(ZipArchive(io.BytesIO(data), LIMITS).read({1, 4}))
     assert list(wanted.items()) == [(i, files[f"class {i % 3}/mesh {i}.off"]) for i in (1, 4)]
 
 
@@ -97,10 +97,11 @@ def test_names_that_lead_elsewhere_or_are_no_meshes() -> None:
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_the_first_of_one_name_is_taken() -> None:
-    file = io.BytesIO(pack([("a.off", b"1"), ("./a.off", b"2"), ("b/a.off", b"3"), ("a.off", b"4")]))
-    kinds = [member.fault and member.fault.kind for member in list_members(file, LIMITS)]
+    data = pack([("a.off", b"1"), ("./a.off", b"2"), ("b/a.off", b"3"), ("a.off", b"4")])
+    archive = ZipArchive(io.BytesIO(data), LIMITS)
+    kinds = [member.fault and member.fault.kind for member in archive.members()]
     assert kinds == [None, "member-repeated", None, "member-repeated"]
-    assert dict(read_members(file, LIMITS, {0, 2})) == {0: b"1", 2: b"3"}
+    assert dict(archive.read({0, 2})) == {0: b"1", 2: b"3"}
 
 
 def test_members_that_are_no_plain_files() -> None:
