@@ -1,7 +1,7 @@
 """The SQL of jobs."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from sqlalchemy import delete, func, or_, select, update
@@ -12,16 +12,23 @@ from service.jobs.zip_archive import ArchiveMember, MemberFault, shown
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import JobFileRow, JobRow
 
+# Without renewal for this long, a service counts as dead and others may run its jobs.
+LEASE = timedelta(seconds=10)
 # A lease that ends later was written before the clock was set back. Slow processes write late leases.
 LONGEST_LEASE = timedelta(minutes=10)
 DETAIL_CHARACTERS = 1000
 _ACTIVE = JobRow.state.in_(("waiting", "running"))
 
 
+class JobLostError(Exception):
+    """The job has ended, or another service runs it."""
+
+
 def add(
-    session: WriteSession, job_id: str, collection: CollectionNumber, values: Mapping[str, Any], now: datetime
+    session: WriteSession, job_id: str, collection: CollectionNumber, values: Mapping[str, Any]
 ) -> JobRow:
     """Add a job, which waits for its turn."""
+    now = datetime.now(UTC)
     row = JobRow(id=job_id, collection_number=collection, state="waiting", created_at=now, **values)
     session.add(row)
     session.flush()
@@ -81,21 +88,28 @@ def without_outcome(session: ReadSession, number: int) -> Sequence[JobFileRow]:
     return session.scalars(query.order_by(JobFileRow.position)).all()
 
 
-def claim(session: WriteSession, runner: str, until: datetime, now: datetime) -> JobRow | None:
+def claim(session: WriteSession, runner: str) -> JobRow | None:
     """Take over the oldest job that no living service runs; return None if there is none."""
+    now = datetime.now(UTC)
     is_over = or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
     free = or_(JobRow.leased_until.is_(None), is_over, JobRow.runner == runner)
     row = session.scalars(select(JobRow).where(_ACTIVE, free).order_by(JobRow.number).limit(1)).one_or_none()
     if row is not None:
-        row.runner, row.leased_until = runner, until
+        row.runner, row.leased_until = runner, now + LEASE
     return row
 
 
-def renew(session: WriteSession, number: int, runner: str, until: datetime) -> bool:
-    """Renew the lease of a job; return whether this service still runs it."""
+def renew(session: WriteSession, number: int, runner: str) -> None:
+    """Renew the lease of a job.
+
+    Raises
+    ------
+    JobLostError
+    """
     lease = update(JobRow).where(JobRow.number == number, JobRow.runner == runner, _ACTIVE)
-    renewed = session.execute(lease.values(leased_until=until).returning(JobRow.number))
-    return renewed.one_or_none() is not None
+    values = {"leased_until": datetime.now(UTC) + LEASE}
+    if session.execute(lease.values(values).returning(JobRow.number)).one_or_none() is None:
+        raise JobLostError
 
 
 def release(session: WriteSession, runner: str) -> None:
@@ -105,8 +119,9 @@ def release(session: WriteSession, runner: str) -> None:
     )
 
 
-def begin(session: WriteSession, number: int, members: Iterable[ArchiveMember], now: datetime) -> None:
+def begin(session: WriteSession, number: int, members: Iterable[ArchiveMember]) -> None:
     """Write the members of a waiting job and start it; nothing happens if it is not waiting."""
+    now = datetime.now(UTC)
     waiting = update(JobRow).where(JobRow.number == number, JobRow.state == "waiting")
     begun = session.execute(waiting.values(state="running", started_at=now).returning(JobRow.number))
     if begun.one_or_none() is None:
@@ -120,23 +135,31 @@ def begin(session: WriteSession, number: int, members: Iterable[ArchiveMember], 
 
 
 def settle(
-    session: WriteSession, file: JobFileRow, values: Mapping[str, Any], fault: MemberFault | None
-) -> bool:
-    """Write the outcome of a member; return whether the job still runs and the member had none."""
-    if session.scalar(select(JobRow.state).where(JobRow.number == file.job_number)) != "running":
-        return False
+    session: WriteSession,
+    file: JobFileRow,
+    outcome: Outcome,
+    *,
+    shape_id: str | None = None,
+    fault: MemberFault | None = None,
+) -> None:
+    """Write the outcome of a member.
+
+    Raises
+    ------
+    JobLostError
+        The job does not run, or the member has an outcome.
+    """
+    state = session.scalar(select(JobRow.state).where(JobRow.number == file.job_number))
     key = JobFileRow.job_number == file.job_number, JobFileRow.position == file.position
-    settled = session.execute(
-        update(JobFileRow)
-        .where(*key, JobFileRow.outcome.is_(None))
-        .values(**values, **_cause(fault))
-        .returning(JobFileRow.position)
-    )
-    return settled.one_or_none() is not None
+    values = {"outcome": outcome, "shape_id": shape_id, "ended_at": datetime.now(UTC), **_cause(fault)}
+    unsettled = update(JobFileRow).where(*key, JobFileRow.outcome.is_(None)).values(values)
+    if state != "running" or not session.scalars(unsettled.returning(JobFileRow.job_number)).all():
+        raise JobLostError
 
 
-def end(session: WriteSession, number: int, state: State, fault: MemberFault | None, now: datetime) -> None:
+def end(session: WriteSession, number: int, state: State, fault: MemberFault | None = None) -> None:
     """End a job, unless it has ended."""
+    now = datetime.now(UTC)
     ended = {"state": state, "ended_at": now, "runner": None, "leased_until": None, **_cause(fault)}
     session.execute(update(JobRow).where(JobRow.number == number, _ACTIVE).values(ended))
 

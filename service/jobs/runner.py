@@ -8,8 +8,9 @@ import asyncio
 import time
 import uuid
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 
 from starlette.concurrency import run_in_threadpool
 
@@ -28,8 +29,10 @@ from service.errors import (
     StorageUnavailableError,
     WorkerLostError,
 )
+from service.jobs import repository
+from service.jobs.repository import LEASE, JobLostError
 from service.jobs.schemas import Outcome
-from service.jobs.service import LEASE, JobLostError, Jobs
+from service.jobs.service import Jobs
 from service.jobs.zip_archive import ArchiveTooLargeError, MalformedArchiveError, MemberFault
 from service.observability.logging import get_logger
 from service.shapes.records import NewShape, StoredShape
@@ -65,7 +68,7 @@ UNFORESEEN = ServiceError(PROBLEMS[ServiceError.kind].title)
 class Runner:
     """The runner of an archive's jobs, in the event loop of a service. Call `start`, then `stop`.
 
-    `followers` contains the open event streams.
+    `followers` contains the open event streams; `active_members` is the number of members in work.
     """
 
     def __init__(self, container: Container) -> None:
@@ -73,7 +76,7 @@ class Runner:
         self.jobs = Jobs(container.database, container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
-        self._active_members = 0
+        self.active_members = 0
         self.followers: set[object] = set()
         self._arriving: Counter[str] = Counter()
         self._faults = 0
@@ -86,11 +89,6 @@ class Runner:
     def look(self) -> None:
         """Check now for a new or cancelled job."""
         self._look.set()
-
-    @property
-    def active_members(self) -> int:
-        """The number of members that are being processed."""
-        return self._active_members
 
     @contextmanager
     def arriving(self, client: str) -> Iterator[None]:
@@ -120,7 +118,7 @@ class Runner:
         with suppress(asyncio.CancelledError):
             await self._running
         with suppress(ServiceError):
-            await run_in_threadpool(self.jobs.release, self._id)
+            await self._write(repository.release, self._id)
 
     async def _run(self) -> None:
         pauses = iter(PAUSES)
@@ -132,11 +130,11 @@ class Runner:
                     continue
                 await self._work_on(job)
                 pauses = iter(PAUSES)
-            except OWN_FAULTS as error:
-                log.warning("jobs wait: %s", error)
-                await asyncio.sleep(next(pauses, PAUSES[-1]))
             except Exception as error:
-                log.error("working on jobs failed", exc_info=error)
+                if isinstance(error, OWN_FAULTS):
+                    log.warning("jobs wait: %s", error)
+                else:
+                    log.error("working on jobs failed", exc_info=error)
                 await asyncio.sleep(next(pauses, PAUSES[-1]))
 
     async def _work_on(self, job: JobRow) -> None:
@@ -189,27 +187,27 @@ class Runner:
                 return
             file, data = taken
             if not isinstance(data, bytes):
-                await run_in_threadpool(self.jobs.refuse, file, data)
+                await self._write(partial(repository.settle, fault=data), file, "refused")
                 continue
             await self._wait_for_worker()
-            self._active_members += 1
+            self.active_members += 1
             try:
                 await self._store(job, file, data)
             finally:
-                self._active_members -= 1
+                self.active_members -= 1
 
     async def _store(self, job: JobRow, file: JobFileRow, data: bytes) -> None:
         """Store a member like an upload, or write the reason of refusal."""
 
         def settle(session: WriteSession, stored: StoredShape) -> None:
             outcome: Outcome = "stored" if stored.created else "present"
-            self.jobs.settle(session, file, outcome, shape_id=stored.shape.id)
+            repository.settle(session, file, outcome, shape_id=stored.shape.id)
 
         collection, tags = CollectionNumber(job.collection_number), tuple(job.tags)
-        shape = NewShape(data, format_of(file.name), collection, file.name, tags, job.meta)
         fault: MemberFault
         for tries_left in reversed(range(TRIES)):
             try:
+                shape = NewShape(data, format_of(file.name), collection, file.name, tags, job.meta)
                 await ingest(self._container, shape, also=settle)
                 return
             except (JobLostError, *OWN_FAULTS):
@@ -224,13 +222,13 @@ class Runner:
                 fault = UNFORESEEN
             if tries_left:
                 await asyncio.sleep(PAUSES[0])
-        await run_in_threadpool(self.jobs.refuse, file, fault)
+        await self._write(partial(repository.settle, fault=fault), file, "refused")
 
     async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
         since = time.monotonic()
-        while self._container.queue.inside + self._active_members >= self._container.settings.workers:
-            if not self._active_members and time.monotonic() - since > PATIENCE_SECONDS:
+        while self._container.queue.inside + self.active_members >= self._container.settings.workers:
+            if not self.active_members and time.monotonic() - since > PATIENCE_SECONDS:
                 return
             await asyncio.sleep(ROOM_SECONDS)
 
@@ -238,10 +236,19 @@ class Runner:
         """Renew the lease of a job until the job has ended or the lease is lost."""
         while True:
             await self._changed(BEAT_SECONDS)
-            await run_in_threadpool(self.jobs.renew, job, self._id)
+            await self._write(repository.renew, job.number, self._id)
 
     async def _changed(self, seconds: float) -> None:
         """Wait for a change, but no longer than some seconds."""
         with suppress(TimeoutError):
             await asyncio.wait_for(self._look.wait(), seconds)
         self._look.clear()
+
+    async def _write(self, change: Callable[..., object], *arguments: object) -> None:
+        """Call a function of the repository in a transaction, on a thread."""
+
+        def write() -> None:
+            with self._container.database.write() as session:
+                change(session, *arguments)
+
+        await run_in_threadpool(write)

@@ -19,23 +19,16 @@ from service.collections import repository as collections_repository
 from service.errors import ArchiveError, BusyError, ServiceError, StorageFullError, StorageUnavailableError
 from service.jobs import repository
 from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
-from service.jobs.zip_archive import (
-    MalformedArchiveError,
-    MemberError,
-    MemberFault,
-    ZipArchive,
-)
+from service.jobs.zip_archive import MalformedArchiveError, MemberError, MemberFault, ZipArchive
 from service.settings import Settings
 from service.shapes.listing import write_cursor
 from service.storage.archive_file import put_in_place
-from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.database import Database, ReadSession
 from service.storage.sqlite import path_of
 from service.storage.tables import JobFileRow, JobRow
 
 # The number of files by which the speed of a job is measured.
 RATE_WINDOW = 30
-# Without renewal for this long, a service counts as dead and others may run its jobs.
-LEASE = timedelta(seconds=10)
 # A file without a job may belong to a job that is being stored now.
 ORPHAN_SECONDS = 3600.0
 _ARCHIVES = "????????-????-????-????-????????????.*"
@@ -46,10 +39,6 @@ class JobNotFoundError(ServiceError, kind="job-not-found"):
 
     def __init__(self, job_id: str) -> None:
         super().__init__(f"there is no job {job_id!r}")
-
-
-class JobLostError(Exception):
-    """The job has ended, or another service runs it."""
 
 
 def folder_of(settings: Settings) -> Path:
@@ -106,7 +95,7 @@ class Jobs:
                 self._check_room(session)
                 collections_repository.require(session, collection)
                 values = {"archive": archive, "size": size, "tags": list(tags), "meta": dict(metadata)}
-                job = repository.add(session, job_id, collection, values, datetime.now(UTC))
+                job = repository.add(session, job_id, collection, values)
                 return _shown(session, job)
         except BaseException:
             path.unlink(missing_ok=True)
@@ -151,7 +140,7 @@ class Jobs:
         """End a job unless it has ended; no further shapes are stored. With `forget`, delete its record."""
         with self._database.write() as session:
             job = _row(session, collection, job_id)
-            repository.end(session, job.number, "cancelled", None, datetime.now(UTC))
+            repository.end(session, job.number, "cancelled")
             if forget:
                 repository.remove(session, job.number)
         self.archive_path(job_id).unlink(missing_ok=True)
@@ -167,25 +156,8 @@ class Jobs:
         is_open = self.clear(timedelta(days=self._settings.job_days))
         if not is_open:
             return None, False
-        now = datetime.now(UTC)
         with self._database.write() as session:
-            return repository.claim(session, runner, now + LEASE, now), True
-
-    def renew(self, job: JobRow, runner: str) -> None:
-        """Renew the lease of a job.
-
-        Raises
-        ------
-        JobLostError
-        """
-        with self._database.write() as session:
-            if not repository.renew(session, job.number, runner, datetime.now(UTC) + LEASE):
-                raise JobLostError
-
-    def release(self, runner: str) -> None:
-        """Release the jobs of this service to other services."""
-        with self._database.write() as session:
-            repository.release(session, runner)
+            return repository.claim(session, runner), True
 
     def begin(self, job: JobRow) -> Generator[tuple[JobFileRow, bytes | MemberFault]]:
         """List the members of a job, unless they are listed, and yield those without an outcome.
@@ -210,7 +182,7 @@ class Jobs:
             if job.state == "waiting":
                 members = archive.members()
                 with self._database.write() as session:
-                    repository.begin(session, job.number, members, datetime.now(UTC))
+                    repository.begin(session, job.number, members)
             with self._database.read() as session:
                 unread = {row.position: row for row in repository.without_outcome(session, job.number)}
             for position, content in archive.read(frozenset(unread)):
@@ -218,35 +190,10 @@ class Jobs:
         for row in unread.values():
             yield row, MemberError("member-damaged", "the archive is damaged before this file")
 
-    def settle(
-        self,
-        session: WriteSession,
-        file: JobFileRow,
-        outcome: Outcome,
-        *,
-        shape_id: str | None = None,
-        fault: MemberFault | None = None,
-    ) -> None:
-        """Write the outcome of a member.
-
-        Raises
-        ------
-        JobLostError
-            The job does not run, or the member has an outcome.
-        """
-        values = {"outcome": outcome, "shape_id": shape_id, "ended_at": datetime.now(UTC)}
-        if not repository.settle(session, file, values, fault):
-            raise JobLostError
-
-    def refuse(self, file: JobFileRow, fault: MemberFault) -> None:
-        """Write the refusal of a member. It raises the errors of `settle`."""
-        with self._database.write() as session:
-            self.settle(session, file, "refused", fault=fault)
-
     def end(self, job: JobRow, state: State, fault: MemberFault | None = None) -> None:
         """End a job, unless it has ended, and delete its archive; its stored shapes stay."""
         with self._database.write() as session:
-            repository.end(session, job.number, state, fault, datetime.now(UTC))
+            repository.end(session, job.number, state, fault)
         self.archive_path(job.id).unlink(missing_ok=True)
 
     def clear(self, keep: timedelta) -> bool:

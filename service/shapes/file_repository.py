@@ -8,14 +8,8 @@ from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import SignatureLengthError
-from service.shapes.records import (
-    StoredEmbedding,
-)
-from service.storage.checksums import (
-    checksum_of,
-    is_whole,
-    whole_file,
-)
+from service.shapes.records import StoredEmbedding
+from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.hnsw import ensure_hnsw
 from service.storage.tables import (

@@ -15,11 +15,7 @@ from service.collection import CollectionNumber
 from service.container import Container
 from service.errors import FileChangedError, NameTakenError, NotEmbeddedError, ShapeNotFoundError
 from service.shapes import file_repository, repository
-from service.shapes.records import (
-    NewFile,
-    ShapeRecord,
-    StoredEmbedding,
-)
+from service.shapes.records import NewFile, ShapeRecord, StoredEmbedding
 from service.shapes.schemas import ARRAYS
 from service.shapes.service import Put, get, store_files
 from service.storage.database import ReadSession, WriteSession

@@ -20,11 +20,7 @@ from service.shapes.records import (
     Sort,
     StoredFile,
 )
-from service.storage.checksums import (
-    SHAPE_COLUMNS,
-    SHAPE_TIMES,
-    shape_checksum,
-)
+from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, shape_checksum
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.erasure import drop_unused, erase

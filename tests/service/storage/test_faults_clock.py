@@ -49,7 +49,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[R
 def set_back(patch: pytest.MonkeyPatch) -> None:
     """Have every wall clock in the service a day behind. The monotonic clock is never set."""
     real = time.time
-    for module in (repository, shapes, endpoints, jobs):
+    for module in (repository, shapes, endpoints, jobs, job_repository):
         patch.setattr(module, "datetime", DayBefore)
     patch.setattr(time, "time", lambda: real() - DAY.total_seconds())
 
@@ -105,7 +105,7 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
     with database.write() as session:
         now = datetime.now(UTC)
         values = {"archive": "left.zip", "size": len(archive), "tags": [], "meta": {}}
-        job = job_repository.add(session, "left", DEFAULT_COLLECTION.number, values, now)
+        job = job_repository.add(session, "left", DEFAULT_COLLECTION.number, values)
         left = update(JobRow).where(JobRow.number == job.number).values(runner="died", leased_until=now + DAY)
         session.execute(left)
     with monkeypatch.context() as patch:
