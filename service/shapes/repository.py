@@ -86,39 +86,22 @@ def stored(session: ReadSession, collection: CollectionNumber) -> int:
 
 def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
     """Return whether another collection has a shape."""
-    shape = (
-        select(ShapeRow.number)
-        .where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
-        .exists()
-    )
-    query = select(CollectionRow.number).where(CollectionRow.number != collection, shape).limit(1)
-    return session.scalar(query) is not None
+    shape = select(ShapeRow.number).where(ShapeRow.collection_number == CollectionRow.number, NOT_DELETED)
+    query = select(CollectionRow.number).where(CollectionRow.number != collection, shape.exists())
+    return session.scalar(query.limit(1)) is not None
 
 
 def page(
-    session: ReadSession,
-    shapes: ShapeFilter,
-    *,
-    after: Position | None,
-    limit: int,
-    sort: Sort = "oldest",
+    session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
 ) -> list[ShapeRecord]:
     """Return the next `limit` shapes that match a filter, in an order."""
-    query = matching(shapes).limit(limit)
-    if sort == "name":
-        query = query.order_by(ShapeRow.folded_name, ShapeRow.number)
-        if after is not None:
-            query = query.where(
-                tuple_(ShapeRow.folded_name, ShapeRow.number) > tuple_(after.name or "", after.number)
-            )
-    elif sort == "newest":
-        query = query.order_by(ShapeRow.number.desc())
-        if after is not None:
-            query = query.where(ShapeRow.number < after.number)
-    else:
-        query = query.order_by(ShapeRow.number)
-        if after is not None:
-            query = query.where(ShapeRow.number > after.number)
+    number, name = ShapeRow.number, ShapeRow.folded_name
+    order = (name, number) if sort == "name" else (number.desc() if sort == "newest" else number,)
+    query = matching(shapes).limit(limit).order_by(*order)
+    if after is not None and sort == "name":
+        query = query.where(tuple_(name, number) > tuple_(after.name or "", after.number))
+    elif after is not None:
+        query = query.where(number < after.number if sort == "newest" else number > after.number)
     return records(session, shapes.collection, session.scalars(query).all())
 
 
