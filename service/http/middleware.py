@@ -122,14 +122,12 @@ class RequestContext:
                 "path": scope["path"],
                 "status": status,
                 "milliseconds": round(1e3 * seconds, 1),
-            }
-            if KIND_IN_SCOPE in scope:
-                fields["problem"] = scope[KIND_IN_SCOPE]
-            if COLLECTION_IN_SCOPE in scope:
-                fields["collection"] = scope[COLLECTION_IN_SCOPE]
-            if KEY_IN_SCOPE in scope:
+                "problem": scope.get(KIND_IN_SCOPE),
+                "collection": scope.get(COLLECTION_IN_SCOPE),
                 # Enough of the digest to tell keys apart; nobody can compute the key from it.
-                fields["key"] = scope[KEY_IN_SCOPE][:8]
+                "key": scope.get(KEY_IN_SCOPE, "")[:8] or None,
+            }
+            fields = {name: value for name, value in fields.items() if value is not None}
             # Probes come every few seconds.
             level = logging.DEBUG if scope["path"] in PROBES else logging.INFO
             log.log(level, "request", extra={"fields": fields})

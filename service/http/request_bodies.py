@@ -1,7 +1,7 @@
 """Bodies and parameters of requests as dependencies: a form with files, or JSON, in; a pydantic model out."""
 
 import errno
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator
 from typing import Any, Generic, Literal, TypeVar, get_origin
 
 from fastapi import Request
@@ -168,7 +168,7 @@ def _values(
             raise FileTooLargeError(f"the file has {value.size} bytes; at most {max_bytes} bytes are taken")
     if not either and isinstance(form.get(FILE, ""), str):
         raise BadRequestFieldsError(FieldFault(FILE, "a file, with its name, is required"))
-    lists = {name for name, field in model.model_fields.items() if get_origin(field.annotation) is list}
+    lists = _lists(model)
     values = {name: form.getlist(name) for name in form}
     single = model.model_fields.keys() - lists
     repeated = [name for name in values if name in single and len(values[name]) > 1]
@@ -196,19 +196,19 @@ def _validated(model: type[Model], values: dict[str, Any]) -> Model:
 
 def once(*names: str) -> Depends:
     """Return a dependency that refuses repetitions of a parameter; FastAPI takes the last value."""
-    return Depends(_refusing(frozenset(names)))
+
+    async def refuse_repetitions(request: Request) -> None:
+        repeated = sorted(name for name in set(names) if len(request.query_params.getlist(name)) > 1)
+        if repeated:
+            raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
+
+    return Depends(refuse_repetitions)
 
 
 def once_each(model: type[BaseModel]) -> Depends:
     """Return the same for a model of query parameters: for every field that is not a list."""
-    fields = model.model_fields.items()
-    return once(*(name for name, field in fields if get_origin(field.annotation) is not list))
+    return once(*(model.model_fields.keys() - _lists(model)))
 
 
-def _refusing(names: frozenset[str]) -> Callable[[Request], Coroutine[Any, Any, None]]:
-    async def refuse_duplicates(request: Request) -> None:
-        repeated = sorted(name for name in names if len(request.query_params.getlist(name)) > 1)
-        if repeated:
-            raise BadRequestFieldsError(*(FieldFault(name, "given more than once") for name in repeated))
-
-    return refuse_duplicates
+def _lists(model: type[BaseModel]) -> set[str]:
+    return {name for name, field in model.model_fields.items() if get_origin(field.annotation) is list}
