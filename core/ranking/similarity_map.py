@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from core.arrays import Float32s, Floats, Ints
 
@@ -60,7 +61,9 @@ def principal_positions(signatures: Float32s) -> Floats:
 
 
 def grid_cells(positions: Floats) -> tuple[Ints, int]:
-    """Give each of n positions a cell of a square grid: columns of equal counts by x, rows by y in each.
+    """Give each of n positions in [0, 1] a cell of a square grid.
+
+    The sum of the squared distances between the positions and the centres of their cells is least.
 
     Returns
     -------
@@ -70,10 +73,6 @@ def grid_cells(positions: Floats) -> tuple[Ints, int]:
         The number of columns, and of rows: the root of n, rounded up.
     """
     size = int(np.ceil(np.sqrt(len(positions))))
-    cells = np.empty((len(positions), 2), dtype=np.int64)
-    by_x = np.argsort(positions[:, 0], kind="stable")
-    for column in range(size):
-        shapes = by_x[column * size : (column + 1) * size]
-        cells[shapes[np.argsort(positions[shapes, 1], kind="stable")], 1] = np.arange(len(shapes))
-        cells[shapes, 0] = column
-    return cells, size
+    cells = np.indices((size, size)).reshape(2, -1).T
+    costs = (((cells + 0.5) / size - positions[:, None, :]) ** 2).sum(axis=2)
+    return cells[linear_sum_assignment(costs)[1]].astype(np.int64), size

@@ -1,5 +1,7 @@
 """Maps of shapes: distances on a plane stay, groups stay together, cells are apart."""
 
+from itertools import permutations, product
+
 import numpy as np
 import pytest
 
@@ -41,7 +43,10 @@ def test_positions_are_in_the_unit_square_and_cells_are_apart(count: int) -> Non
         assert ((laid_out.cells >= 0) & (laid_out.cells < max(laid_out.size, 1))).all()
 
 
-def test_cells_have_the_order_of_the_positions() -> None:
-    cells, size = grid_cells(np.array([[0.9, 0.2], [0.1, 0.7], [0.2, 0.1], [0.8, 0.3], [0.95, 0.0]]))
+def test_cells_are_the_nearest_of_all_arrangements() -> None:
+    positions = np.array([[0.9, 0.2], [0.1, 0.7], [0.2, 0.1], [0.8, 0.3], [0.95, 0.0]])
+    cells, size = grid_cells(positions)
     assert size == 3
-    assert cells.tolist() == [[1, 1], [0, 2], [0, 0], [0, 1], [1, 0]]
+    every = (np.array(list(product(range(3), repeat=2))) + 0.5) / 3.0
+    least = min(((every[list(some)] - positions) ** 2).sum() for some in permutations(range(9), 5))
+    assert (((cells + 0.5) / 3.0 - positions) ** 2).sum() == pytest.approx(least)
