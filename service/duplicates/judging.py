@@ -3,7 +3,7 @@
 Two shapes are registered by their records, or by their files where the records do not suffice.
 """
 
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import BadRecordError, MeshError
-from core.mesh.mesh import Mesh
-from core.parameters import Parameters
-from core.ranking.shortlist import spectral_distances
 from core.registration.invariants import possible_copies, possible_variants
-from core.registration.rigid_copy import RigidCopy, copy_by_samples
-from core.serialization import embedding_from_bytes
+from core.registration.rigid_copy import RigidCopy
 from service.collection import CollectionNumber
-from service.compute import tasks
 from service.container import Container
 from service.duplicates import repository
 from service.duplicates.groups import Groups, Judgement, Link, Search
@@ -29,10 +24,9 @@ from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search import repository as search_repository
 from service.search.caches import CandidateReader
-from service.search.likeness import once
-from service.search.records import Candidates, Query
+from service.search.likeness import find_copy, stored_surface
+from service.search.records import Candidates, Query, Surface
 from service.search.scoring import score_candidates
-from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession
 
@@ -44,14 +38,6 @@ distance. Copies beyond them join its group through others."""
 
 REGISTERED = 32
 """Largest number of pairs that are registered for one shape."""
-
-
-@dataclass(frozen=True, eq=False)
-class Side:
-    """A shape to register: its embedding record, and a function that reads its mesh."""
-
-    record: bytes
-    mesh: Callable[[], Awaitable[Mesh]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +91,7 @@ class ShapeJudge:
     _considered: set[int] = field(default_factory=set, init=False)
     _compared: int = field(default=0, init=False)
     _aligned: int = field(default=0, init=False)
-    _side_of_shape: Side | None = field(default=None, init=False)
+    _surface: Surface | None = field(default=None, init=False)
 
     async def judge(self) -> None:
         """Compare the shape with its candidates and store the judgement.
@@ -182,7 +168,7 @@ class ShapeJudge:
             reliabilities=np.full(len(indices), np.nan, np.float32),
         )
         candidates = Candidates(entries, shortlisted=False, stored=len(measured.shapes))
-        query = Query(self.active_pipeline, snapshot.record, frozenset([self.shape]))
+        query = Query(snapshot.record, active_pipeline=self.active_pipeline, excluded=frozenset([self.shape]))
         reader = CandidateReader(self.container, self.active_pipeline)
         matched = await score_candidates(self.container, query, reader, candidates, "cc", len(indices))
         scores = zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True)
@@ -193,9 +179,9 @@ class ShapeJudge:
         first, second = sorted((self.shape, number))
         self._aligned += 1
         try:
-            sides = await self._side(snapshot, first), await self._side(snapshot, second)
+            surfaces = await self._stored(snapshot, first), await self._stored(snapshot, second)
             parameters = self.active_pipeline.pipeline.parameters
-            copy = await registered(self.container, *sides, parameters, variants=self.search.variants)
+            copy = await find_copy(self.container, *surfaces, parameters, variants=self.search.variants)
         except (
             BadRecordError,
             FileTimeLimitError,
@@ -210,16 +196,32 @@ class ShapeJudge:
             groups.join(link)
             self._links.append(link)
 
-    async def _side(self, snapshot: _Snapshot, number: int) -> Side:
-        if number == self.shape and self._side_of_shape is not None:
-            return self._side_of_shape
+    async def _stored(self, snapshot: _Snapshot, number: int) -> Surface:
+        """Return a stored surface to register.
+
+        Raises
+        ------
+        ShapeNotFoundError
+            The shape or its embedding was deleted.
+        """
+        if number == self.shape and self._surface is not None:
+            return self._surface
         index = snapshot.measured.index_of(number)
         assert index is not None
         embedding = int(snapshot.measured.embeddings[index])
-        side = await side_of(self.container, self.collection, number, embedding)
+
+        def read() -> Surface:
+            with self.container.database.read() as session:
+                records = search_repository.embedding_records(session, [embedding])
+                shapes = shapes_repository.records(session, self.collection, [number])
+            if not (records and shapes):
+                raise ShapeNotFoundError(str(number))
+            return stored_surface(self.container, self.collection, shapes[0].id, records[embedding])
+
+        surface = await run_in_threadpool(read)
         if number == self.shape:
-            self._side_of_shape = side = Side(side.record, once(side.mesh))
-        return side
+            self._surface = surface
+        return surface
 
     def _store(self, snapshot: _Snapshot) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
@@ -244,58 +246,3 @@ class ShapeJudge:
 def _link(first: int, second: int, cc: float, copy: RigidCopy) -> Link:
     variant = copy.difference is not None
     return Link(first, second, cc, copy.residual, copy.scale, mirrored=copy.mirrored, variant=variant)
-
-
-async def side_of(container: Container, collection: CollectionNumber, number: int, embedding: int) -> Side:
-    """Return a stored shape to register.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The shape or its embedding was deleted.
-    """
-
-    def read_record() -> bytes:
-        with container.database.read() as session:
-            records = search_repository.embedding_records(session, [embedding])
-        if embedding not in records:
-            raise ShapeNotFoundError(str(number))
-        return records[embedding]
-
-    def read_file() -> tuple[bytes, str]:
-        with container.database.read() as session:
-            shapes = shapes_repository.records(session, collection, [number])
-            data = file_repository.file_of(session, collection, shapes[0].id) if shapes else None
-        if data is None:
-            raise ShapeNotFoundError(str(number))
-        return data, shapes[0].format
-
-    async def mesh() -> Mesh:
-        return await container.queue.read(*await run_in_threadpool(read_file))
-
-    return Side(await run_in_threadpool(read_record), mesh)
-
-
-async def registered(
-    container: Container, first: Side, second: Side, parameters: Parameters, *, variants: bool
-) -> RigidCopy | None:
-    """Register the second shape as a copy of the first, or as a variant if these are wanted, else None.
-
-    Raises
-    ------
-    BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError
-        A record or a file cannot be used, or was deleted.
-    """
-    copy = await run_in_threadpool(_by_samples, first.record, second.record)
-    if copy is not None:
-        return copy
-    meshes = await first.mesh(), await second.mesh()
-    return await container.queue.do(
-        tasks.registered, *meshes, first.record, second.record, parameters, variants
-    )
-
-
-def _by_samples(first: bytes, second: bytes) -> RigidCopy | None:
-    embeddings = embedding_from_bytes(first), embedding_from_bytes(second)
-    spectral = spectral_distances(embeddings[0].signature, embeddings[1].signature[None])
-    return copy_by_samples(*embeddings, float(spectral[0]))

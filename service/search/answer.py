@@ -3,6 +3,7 @@
 import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +13,6 @@ from starlette.concurrency import run_in_threadpool
 
 from core.ranking.shortlist import spectral_distances
 from core.registration.rigid_copy import may_be_copy
-from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.request_queue import short_of_memory
 from service.container import Container
@@ -21,22 +21,25 @@ from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
-from service.search.likeness import relations_of, stored_mesh
+from service.search.likeness import relation_of, stored_mesh, stored_surface
 from service.search.partial import SHORTLIST_FACTOR, nearest_wholes
-from service.search.records import (
-    Answer,
-    Comparison,
-    MatchedCandidates,
-    Query,
-    SearchResult,
-    UnitMistake,
+from service.search.records import MatchedCandidates, Query, SearchResult, once
+from service.search.schemas import (
+    LocalDifference,
+    Pair,
+    QueryAnswer,
+    RankBy,
+    Result,
+    SearchOptions,
+    pairs,
+    score_in_words,
 )
-from service.search.schemas import RankBy, SearchOptions
 from service.search.scoring import class_log_odds, score_candidates
 from service.search.shortlist import find_candidates
 from service.shapes import file_service
 from service.shapes import repository as shapes_repository
-from service.shapes.records import ShapeFilter, ShapeRecord, sha256
+from service.shapes.records import ShapeFilter, sha256
+from service.shapes.schemas import EmbeddingArrays, Shape, warnings_of
 
 UNITS = (10.0, 25.4, 1000.0)
 """Millimetres in a centimetre, in an inch and in a metre."""
@@ -99,7 +102,12 @@ async def query_of_file(
             return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
 
     excluded = await run_in_threadpool(same_bytes) if exclude_self else frozenset()
-    return Query(active_pipeline, embedded.record, excluded, lambda: container.queue.read(data, format))
+    return Query(
+        embedded.record,
+        once(partial(container.queue.read, data, format)),
+        active_pipeline=active_pipeline,
+        excluded=excluded,
+    )
 
 
 async def query_of_shape(
@@ -125,11 +133,11 @@ async def query_of_shape(
             )
         excluded = frozenset([stored.shape] if exclude_self else [])
         return Query(
-            active_pipeline,
             stored.record,
-            excluded,
-            lambda: stored_mesh(container, collection, shape_id),
-            stored.number,
+            once(partial(stored_mesh, container, collection, shape_id)),
+            active_pipeline=active_pipeline,
+            excluded=excluded,
+            number=stored.number,
         )
 
     with timings.stage("read"):
@@ -145,7 +153,7 @@ async def search(
     active_pipeline: ActivePipeline,
     *,
     tell_units: bool = True,
-) -> Answer:
+) -> QueryAnswer:
     """Find the stored shapes most like the query, or those that it is a part of.
 
     Stages: embed the query; find its candidates, or a shortlist of them; score the candidates; read the
@@ -201,27 +209,40 @@ async def search(
         best = ranked(matched, rank_by) if part_distances is None else np.arange(len(matched.cc))
         if options.min_cc is not None:
             best = best[matched.cc[best] >= options.min_cc]
-        results = await _results(
-            container, query, reader, matched.only(best[: options.top_k]), options, shapes.collection
-        )
-    if part_distances is not None:
-        results = [replace(result, part_distance=part_distances[result.shape.number]) for result in results]
+        with short_of_memory():
+            found = await run_in_threadpool(
+                _read_results,
+                container,
+                query,
+                reader,
+                matched.only(best[: options.top_k]),
+                shapes.collection,
+                every_record=options.correspondences,
+            )
+        correspondences: list[list[Pair] | None] = [None] * len(found)
+        if options.correspondences:
+            correspondences = [await _correspondence(container, query, each) for each in found]
     with timings.stage("likeness"):
-        relations = await relations_of(container, query, shapes.collection, results)
-    answer = Answer(
-        pipeline=active_pipeline.pipeline,
+        results = [
+            await _result(container, query, rank, each, correspondence, part_distances)
+            for rank, (each, correspondence) in enumerate(zip(found, correspondences, strict=True), start=1)
+        ]
+    compared = len(matched.cc) if part_distances is None else len(part_distances)
+    warnings = warnings_of(query.embedding.facts.boundary_ratio)
+    if tell_units and sized.has_sizes and not compared:
+        with timings.stage("units"):
+            warnings += await _unit_warnings(container, query, options, sized)
+    threshold = active_pipeline.pipeline.parameters.ranking.match_threshold
+    return QueryAnswer(
         results=results,
-        relations=relations,
-        best_cc=float(matched.cc.max()) if len(matched.cc) else None,
-        compared=len(matched.cc) if part_distances is None else len(part_distances),
+        matched=bool(len(matched.cc) and matched.cc.max() >= threshold),
+        compared=compared,
         stored=candidates.stored,
-        boundary_ratio=query.embedding.facts.boundary_ratio,
-        embedding=query.embedding if options.embedding else None,
+        pipeline=active_pipeline.fingerprint,
+        milliseconds=timings.so_far(),
+        warnings=warnings,
+        embedding=EmbeddingArrays.of(query.embedding) if options.embedding else None,
     )
-    if answer.compared or not tell_units or not sized.has_sizes:
-        return answer
-    with timings.stage("units"):
-        return replace(answer, unit_mistake=await _unit_mistake(container, query, options, sized))
 
 
 def ranked(matched: MatchedCandidates, by: RankBy) -> NDArray[np.intp]:
@@ -245,81 +266,104 @@ def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFil
     return replace(shapes, area=(least, greatest))
 
 
-async def _results(
+def _read_results(
     container: Container,
     query: Query,
     reader: CandidateReader,
     best: MatchedCandidates,
-    options: SearchOptions,
     collection: CollectionNumber,
+    *,
+    every_record: bool,
 ) -> list[SearchResult]:
     """Return the best candidates as they are shown, without one that was deleted a moment ago.
 
-    The embedding is read of a result that may be a rigid copy, and of all if correspondences are asked for.
+    The embedding is read of a result that may be a rigid copy, and of all with `every_record`.
     """
-    pipeline, facts = query.active_pipeline.pipeline, query.embedding.facts
-    radius = float(facts.scale / facts.area**0.5)
     entries = best.candidates.entries
     numbers = entries.embeddings.tolist()
     spectral = spectral_distances(query.embedding.signature, entries.signatures).tolist()
-
-    def read() -> list[SearchResult]:
-        described = reader.descriptors(numbers)
-        log_odds = best.log_odds
-        if log_odds is None:
-            log_odds = class_log_odds(query, best.candidates, numbers, described, best.cc, best.sim)
-        without_sample = replace(best.candidates, sample=None, density=None)
-        typical = class_log_odds(query, without_sample, numbers, described, best.cc, best.sim)
-        with container.database.read() as session:
-            records = shapes_repository.records(session, collection, entries.shapes.tolist())
-        shapes = {shape.number: shape for shape in records}
-        present = [i for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
-        wanted = [
-            i
-            for i in present
-            if options.correspondences
-            or may_be_copy(spectral[i], radius, _radius(shapes[int(entries.shapes[i])]))
+    described = reader.descriptors(numbers)
+    log_odds = best.log_odds
+    if log_odds is None:
+        log_odds = class_log_odds(query, best.candidates, numbers, described, best.cc, best.sim)
+    without_sample = replace(best.candidates, sample=None, density=None)
+    typical = class_log_odds(query, without_sample, numbers, described, best.cc, best.sim)
+    with container.database.read() as session:
+        records = shapes_repository.records(session, collection, entries.shapes.tolist())
+    shapes = {shape.number: shape for shape in records}
+    present = [(i, shapes[number]) for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
+    embeddings = reader.records(
+        [
+            numbers[i]
+            for i, shape in present
+            if every_record
+            or may_be_copy(spectral[i], query.radius, shape.facts["scale"] / shape.facts["area"] ** 0.5)
         ]
-        embeddings = reader.records([numbers[i] for i in wanted])
-        return [
-            SearchResult(
-                shape=(shape := shapes[int(entries.shapes[i])]),
-                record=embeddings.get(numbers[i]),
-                cc=float(best.cc[i]),
-                ssd=float(best.ssd[i]),
-                sim=float(best.sim[i]),
-                combined=float(expit(log_odds[i])),
-                typical_probability=float(expit(typical[i])),
-                spectral=spectral[i],
-                size_ratio=float((shape.facts["area"] / facts.area) ** 0.5),
-            )
-            for i in present
-        ]
-
-    with short_of_memory():
-        results = await run_in_threadpool(read)
-    if not options.correspondences:
-        return results
-    comparisons = []
-    for result in results:
-        comparison = None
-        if result.record is not None:
-            match = await container.queue.match(query.record, result.record, pipeline)
-            second = embedding_from_bytes(result.record)
-            comparison = Comparison(pipeline, query.embedding, second, match, result.combined)
-        comparisons.append(replace(result, comparison=comparison))
-    return comparisons
+    )
+    return [
+        SearchResult(
+            shape=shape,
+            surface=stored_surface(container, collection, shape.id, embeddings[numbers[i]])
+            if numbers[i] in embeddings
+            else None,
+            cc=float(best.cc[i]),
+            ssd=float(best.ssd[i]),
+            sim=float(best.sim[i]),
+            combined=float(expit(log_odds[i])),
+            probability=float(expit(max(log_odds[i], typical[i]))),
+            spectral=spectral[i],
+        )
+        for i, shape in present
+    ]
 
 
-def _radius(shape: ShapeRecord) -> float:
-    """Return the root mean square distance of a surface from its centroid over the root of its area."""
-    return float(shape.facts["scale"] / shape.facts["area"] ** 0.5)
+async def _correspondence(container: Container, query: Query, found: SearchResult) -> list[Pair] | None:
+    """Match the query with a result; None if the embedding of the result was deleted meanwhile."""
+    if found.surface is None:
+        return None
+    match = await container.queue.match(query.record, found.surface.record, query.active_pipeline.pipeline)
+    return pairs(match, query.embedding, found.surface.embedding)
 
 
-async def _unit_mistake(
+async def _result(
+    container: Container,
+    query: Query,
+    rank: int,
+    found: SearchResult,
+    correspondence: list[Pair] | None,
+    part_distances: dict[int, float] | None,
+) -> Result:
+    """Tell the likeness of a result to the query, and return its JSON."""
+    relation = await relation_of(
+        container,
+        query,
+        found.surface,
+        query.active_pipeline.pipeline.parameters,
+        spectral=found.spectral,
+        cc=found.cc,
+        probability=found.probability,
+    )
+    size_ratio = float((found.shape.facts["area"] / query.embedding.facts.area) ** 0.5)
+    return Result(
+        rank=rank,
+        cc=found.cc,
+        ssd=found.ssd,
+        sim=found.sim,
+        combined=found.combined,
+        likeness=relation.likeness,
+        scale=relation.scale,
+        difference=LocalDifference.of(relation),
+        part_distance=None if part_distances is None else part_distances[found.shape.number],
+        size_ratio=size_ratio if relation.scale is None else relation.scale,
+        shape=Shape.of(found.shape),
+        correspondence=correspondence,
+    )
+
+
+async def _unit_warnings(
     container: Container, query: Query, options: SearchOptions, shapes: ShapeFilter
-) -> UnitMistake | None:
-    """Count the shapes at each factor; only if there are some, compare the query with them."""
+) -> list[str]:
+    """Return a warning of the factor with the most similar shape; only if there are some, compare them."""
 
     def count() -> dict[float, int]:
         with container.database.read() as session:
@@ -330,12 +374,20 @@ async def _unit_mistake(
 
     changes = {"top_k": 1, "rank_by": "cc", "scale": "ignore", "min_cc": None, "correspondences": False}
     options = options.model_copy(update={**changes, "partial": False})
-    mistakes = []
+    mistakes: list[tuple[float, int, Result]] = []
     for factor, number in (await run_in_threadpool(count)).items():
         if number:
             scaled = shapes.scaled(factor)
             answer = await search(
                 container, made, options, scaled, Timings(), query.active_pipeline, tell_units=False
             )
-            mistakes += [UnitMistake(factor, number, nearest) for nearest in answer.results]
-    return max(mistakes, key=lambda mistake: mistake.nearest.cc, default=None)
+            mistakes += [(factor, number, nearest) for nearest in answer.results]
+    if not mistakes:
+        return []
+    factor, number, nearest = max(mistakes, key=lambda mistake: mistake[2].cc)
+    times = f"{factor:g}" if factor > 1.0 else f"1/{1.0 / factor:g}"
+    are = "1 shape is" if number == 1 else f"{number} shapes are"
+    return [
+        f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
+        f"{nearest.shape.name!r} (cc {score_in_words(nearest.cc)}): the units of the files may differ"
+    ]

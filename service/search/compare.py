@@ -3,7 +3,7 @@
 import asyncio
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
@@ -11,11 +11,11 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.descriptors.registry import descriptors_of
-from core.embedding import DenseCorrespondence, Embedding, Match, Scores
+from core.embedding import Embedding, Match, Scores
 from core.io import format_of
 from core.mesh.mesh import Mesh
 from core.ranking.class_probability import combined_scores
-from core.serialization import embedding_from_bytes
+from core.ranking.shortlist import spectral_distances
 from service.collection import CollectionNumber
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.compute import tasks
@@ -36,8 +36,9 @@ from service.search.answer import with_active_pipeline
 from service.search.caches import collection_sample
 from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields
 from service.search.endpoints import WORK_PROBLEMS
-from service.search.likeness import once, relation_of, stored_mesh
-from service.search.records import Comparison, ReadMesh, Relation
+from service.search.likeness import relation_of, stored_mesh
+from service.search.records import ReadMesh, Surface, once
+from service.search.schemas import LocalDifference, pairs
 from service.shapes import file_service
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name
@@ -90,23 +91,12 @@ class CompareParameters(NamedInAddress):
 BODY = RequestBody[CompareForm | CompareRequest](CompareForm, json=CompareRequest, either=("first", "second"))
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedShape:
-    """One of two shapes that are compared.
-
-    Attributes
-    ----------
-    name, format : str
-        The name of the shape and the format of its file.
-    record : bytes
-        Its embedding by the active pipeline.
-    mesh : callable
-        Reads its mesh, once.
-    """
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComparedShape(Surface):
+    """One of two shapes that are compared, with its name and the format of its file."""
 
     name: str
     format: str
-    record: bytes
     mesh: ReadMesh
 
 
@@ -177,29 +167,86 @@ async def _compare(
         await _compared_shape(container, collection, given, active_pipeline, timings)
         for given in (first_given, second_given)
     ]
-    comparison, relation = await _comparison(container, collection, first, second, active_pipeline, timings)
+    pipeline = active_pipeline.pipeline
+
+    def read_sample() -> CollectionSample:
+        with container.database.read() as session:
+            return collection_sample(container, session, active_pipeline, collection)
+
+    with timings.stage("read"):
+        sample = await run_in_threadpool(read_sample)
+    with timings.stage("compare"):
+        match = await container.queue.match(first.record, second.record, pipeline)
+        combined = await run_in_threadpool(_combined, first.embedding, second.embedding, match, sample)
+        typical = await run_in_threadpool(_combined, first.embedding, second.embedding, match, None)
+    with timings.stage("likeness"):
+        signatures = first.embedding.signature, second.embedding.signature[None]
+        relation = await relation_of(
+            container,
+            first,
+            second,
+            pipeline.parameters,
+            spectral=float(spectral_distances(*signatures)[0]),
+            cc=match.cc,
+            probability=max(combined, typical),
+        )
+
+    def in_json(**dense_fields: Any) -> CompareAnswer:  # noqa: ANN401
+        return CompareAnswer(
+            cc=match.cc,
+            ssd=match.ssd,
+            sim=match.sim,
+            combined=combined,
+            likeness=relation.likeness,
+            scale=relation.scale,
+            difference=LocalDifference.of(relation),
+            correspondence=pairs(match, first.embedding, second.embedding),
+            pipeline=pipeline.fingerprint,
+            milliseconds=timings.so_far(),
+            **dense_fields,
+        )
+
     if not dense:
-        if options.format == "glb":
-            with timings.stage("draw"):
-                return Response(await _coloured(container, first, second, comparison), media_type=MEDIA_TYPE)
-        return CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
+        if options.format != "glb":
+            return in_json()
+        with timings.stage("draw"):
+            meshes = await asyncio.gather(first.mesh(), second.mesh())
+            first_coloured, second_coloured = (
+                ComparedMesh(
+                    shape.name,
+                    shape.format,
+                    mesh,
+                    shape.embedding.positions[samples].astype("float64"),
+                )
+                for shape, mesh, samples in zip((first, second), meshes, match.correspondence.T, strict=True)
+            )
+            drawn = await container.queue.do(rendering.coloured, first_coloured, second_coloured, FACES)
+        return Response(drawn, media_type=MEDIA_TYPE)
     with timings.stage("dense"):
         meshes = await asyncio.gather(first.mesh(), second.mesh())
         ways = await container.queue.do(
-            tasks.dense_correspondence,
-            *meshes,
-            first.record,
-            second.record,
-            active_pipeline.pipeline.parameters,
+            tasks.dense_correspondence, *meshes, first.record, second.record, pipeline.parameters
         )
     if options.format == "npz":
         return Response(await container.queue.do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     if options.format == "json":
-        return await run_in_threadpool(_dense_json, comparison, relation, ways, timings)
-    picture = options.format == "png"
+        # The answer of a large mesh takes longer to write than the event loop may wait.
+        text = await run_in_threadpool(lambda: in_json(**dense_fields(ways)).model_dump_json())
+        return Response(text, media_type="application/json")
     with timings.stage("draw"):
-        drawn = await _painted(container, first, second, ways, options.paint, picture=picture)
-    return Response(drawn, media_type=PNG if picture else MEDIA_TYPE)
+        first_painted, second_painted = (
+            PaintedMesh(shape.name, shape.format, mesh, way)
+            for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
+        )
+        if options.format == "png":
+            picture = await container.queue.do(
+                rendering.painted_picture, first_painted, second_painted, FACES, options.paint, PICTURE_SIZE
+            )
+            return Response(picture, media_type=PNG)
+        drawn = await container.queue.do(
+            rendering.painted, first_painted, second_painted, FACES, options.paint
+        )
+    return Response(drawn, media_type=MEDIA_TYPE)
 
 
 def _dense_option(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:
@@ -237,35 +284,22 @@ async def _compared_shape(
         The file cannot be used; the subclass says why.
     """
     if isinstance(given, str):
+
+        def read() -> ComparedShape:
+            fingerprint = active_pipeline.fingerprint
+            with container.database.read() as session:
+                record = file_service.get_stored_embedding(session, fingerprint, collection, given).record
+                shape = shapes_service.get(session, collection, given)
+            mesh = once(partial(stored_mesh, container, collection, given))
+            return ComparedShape(record, name=shape.name, format=shape.format, mesh=mesh)
+
         with timings.stage("read"):
-            return await _stored(container, collection, given, active_pipeline)
-    return await _sent(container, given, active_pipeline, timings)
+            return await run_in_threadpool(read)
 
-
-async def _stored(
-    container: Container, collection: CollectionNumber, shape_id: str, active_pipeline: ActivePipeline
-) -> ComparedShape:
-    fingerprint = active_pipeline.fingerprint
-
-    async def mesh() -> Mesh:
-        return await stored_mesh(container, collection, shape_id)
-
-    def read() -> ComparedShape:
-        with container.database.read() as session:
-            record = file_service.get_stored_embedding(session, fingerprint, collection, shape_id).record
-            shape = shapes_service.get(session, collection, shape_id)
-            return ComparedShape(shape.name, shape.format, record, once(mesh))
-
-    return await run_in_threadpool(read)
-
-
-async def _sent(
-    container: Container, file: UploadFile, active_pipeline: ActivePipeline, timings: Timings
-) -> ComparedShape:
-    name = file.filename or ""
+    name = given.filename or ""
     mesh_format = format_of(name)
-    await file.seek(0)
-    data = await file.read()
+    await given.seek(0)
+    data = await given.read()
     with timings.stage("embed"):
         mesh = await container.queue.read(data, mesh_format)
         embedded = await container.queue.do(tasks.embed_mesh, mesh, active_pipeline.pipeline.parameters, 0.0)
@@ -273,39 +307,7 @@ async def _sent(
     async def kept() -> Mesh:
         return mesh
 
-    return ComparedShape(base_name(name), mesh_format, embedded.record, kept)
-
-
-async def _comparison(
-    container: Container,
-    collection: CollectionNumber,
-    first: ComparedShape,
-    second: ComparedShape,
-    active_pipeline: ActivePipeline,
-    timings: Timings,
-) -> tuple[Comparison, Relation]:
-    """Match two shapes, and tell the relation of the second to the first.
-
-    Their class probability depends on the density of the shapes of the collection.
-    """
-
-    def read() -> CollectionSample:
-        with container.database.read() as session:
-            return collection_sample(container, session, active_pipeline, collection)
-
-    with timings.stage("read"):
-        sample = await run_in_threadpool(read)
-    with timings.stage("compare"):
-        pipeline = active_pipeline.pipeline
-        match = await container.queue.match(first.record, second.record, pipeline)
-        embeddings = embedding_from_bytes(first.record), embedding_from_bytes(second.record)
-        combined = await run_in_threadpool(_combined, *embeddings, match, sample)
-        typical_probability = await run_in_threadpool(_combined, *embeddings, match, None)
-        comparison = Comparison(pipeline, *embeddings, match, combined)
-    with timings.stage("likeness"):
-        records, meshes = (first.record, second.record), (first.mesh, second.mesh)
-        relation = await relation_of(container, comparison, typical_probability, records, meshes)
-        return comparison, relation
+    return ComparedShape(embedded.record, name=base_name(name), format=mesh_format, mesh=kept)
 
 
 def _combined(first: Embedding, second: Embedding, match: Match, sample: CollectionSample | None) -> float:
@@ -315,52 +317,3 @@ def _combined(first: Embedding, second: Embedding, match: Match, sample: Collect
     if sample is not None:
         density, densities = (sample.of_query(descriptors_of(each)) for each in (first, second))
     return float(combined_scores(first, [second], scores, density, densities)[0])
-
-
-def _dense_json(
-    comparison: Comparison,
-    relation: Relation,
-    ways: tuple[DenseCorrespondence, DenseCorrespondence],
-    timings: Timings,
-) -> Response:
-    """Return the answer as JSON; for a large mesh it takes longer to write than the event loop may wait."""
-    sparse = CompareAnswer.of(comparison, relation, milliseconds=timings.so_far())
-    answer = sparse.model_copy(update=dense_fields(ways))
-    return Response(answer.model_dump_json(), media_type="application/json")
-
-
-async def _coloured(
-    container: Container, first: ComparedShape, second: ComparedShape, comparison: Comparison
-) -> bytes:
-    """Draw both shapes, coloured so that corresponding points have the same colour."""
-    pairs = comparison.match.correspondence
-    meshes = []
-    for shape, embedding, samples in (
-        (first, comparison.first, pairs[:, 0]),
-        (second, comparison.second, pairs[:, 1]),
-    ):
-        points = embedding.positions[samples].astype("float64")
-        meshes.append(ComparedMesh(shape.name, shape.format, await shape.mesh(), points))
-    return await container.queue.do(rendering.coloured, meshes[0], meshes[1], FACES)
-
-
-async def _painted(
-    container: Container,
-    first: ComparedShape,
-    second: ComparedShape,
-    ways: tuple[DenseCorrespondence, DenseCorrespondence],
-    paint: Paint,
-    *,
-    picture: bool,
-) -> bytes:
-    """Draw both shapes, painted vertex by vertex from their dense correspondence: a GLB, or a picture."""
-    meshes = await asyncio.gather(first.mesh(), second.mesh())
-    first_painted, second_painted = (
-        PaintedMesh(shape.name, shape.format, mesh, way)
-        for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
-    )
-    if picture:
-        return await container.queue.do(
-            rendering.painted_picture, first_painted, second_painted, FACES, paint, PICTURE_SIZE
-        )
-    return await container.queue.do(rendering.painted, first_painted, second_painted, FACES, paint)

@@ -16,13 +16,11 @@ from service.search.schemas import (
     SSD,
     LocalDifference,
     Pair,
-    pairs,
 )
 from service.shapes.schemas import SHAPE
 
 if TYPE_CHECKING:
     from core.embedding import DenseCorrespondence
-    from service.search.records import Comparison, Relation
 
 DIGITS = 4
 """Decimals of values at vertices: more would double the length of the JSON."""
@@ -146,22 +144,3 @@ class CompareAnswer(DenseFields):
     correspondence: list[Pair]
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
-
-    @classmethod
-    def of(
-        cls, comparison: "Comparison", relation: "Relation", *, milliseconds: dict[str, float]
-    ) -> "CompareAnswer":
-        """Return the JSON of a comparison, and of the relation of the second shape to the first."""
-        match = comparison.match
-        return cls(
-            cc=match.cc,
-            ssd=match.ssd,
-            sim=match.sim,
-            combined=comparison.combined,
-            likeness=relation.likeness,
-            scale=relation.scale,
-            difference=LocalDifference.of(relation),
-            correspondence=pairs(comparison),
-            pipeline=comparison.pipeline.fingerprint,
-            milliseconds=milliseconds,
-        )

@@ -81,7 +81,7 @@ async def query(
         work = partial(search, container, make_query, options, shapes, timings)
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("query", timings.milliseconds)
-    return QueryAnswer.of(answer, milliseconds=timings.so_far())
+    return answer
 
 
 @router.get(
@@ -106,4 +106,4 @@ async def similar(
     with container.queue.admitted():
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("query", timings.milliseconds)
-    return QueryAnswer.of(answer, milliseconds=timings.so_far())
+    return answer

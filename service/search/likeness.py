@@ -1,26 +1,23 @@
 """The likeness of stored shapes to a query: rigid copies are confirmed by registration."""
 
 import asyncio
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
 from functools import partial
 
 from starlette.concurrency import run_in_threadpool
 
-from core.embedding import Embedding
-from core.errors import BadRecordError, CoreError
+from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.likeness import likeness
 from core.ranking.shortlist import spectral_distances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
-from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute import tasks
 from service.container import Container
 from service.errors import ServiceError, ShapeNotFoundError
 from service.observability.logging import get_logger
-from service.search.records import Comparison, Query, ReadMesh, Relation, SearchResult
+from service.search.records import Relation, Surface, once
 from service.shapes import file_service
 from service.shapes import repository as shapes_repository
 
@@ -28,25 +25,6 @@ log = get_logger("likeness")
 
 MOST_FACES = 20_000
 """Most faces of a mesh that is registered; larger meshes are copies by the samples of their records alone."""
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A surface that may be a copy: its embedding, the record of this, and its mesh, if it may be read."""
-
-    embedding: Embedding
-    record: bytes
-    mesh: ReadMesh | None
-
-    @property
-    def radius(self) -> float:
-        """Root mean square distance of the surface from its centroid over the root of its area."""
-        return float(self.embedding.facts.scale / self.embedding.facts.area**0.5)
-
-    @property
-    def is_small(self) -> bool:
-        """Whether the mesh is registered."""
-        return self.embedding.facts.faces <= MOST_FACES
 
 
 async def stored_mesh(container: Container, collection: CollectionNumber, shape_id: str) -> Mesh:
@@ -68,93 +46,47 @@ async def stored_mesh(container: Container, collection: CollectionNumber, shape_
     return await container.queue.read(*await run_in_threadpool(read))
 
 
-async def relations_of(
-    container: Container, query: Query, collection: CollectionNumber, results: Sequence[SearchResult]
-) -> list[Relation]:
-    """Return the relation of each result to the query.
-
-    Only results whose eigenvalues and area allow it are registered. The file of the query is read once.
-    """
-    parameters = query.active_pipeline.pipeline.parameters
-    first = Surface(query.embedding, query.record, None if query.mesh is None else once(query.mesh))
-    relations = []
-    for result in results:
-        copy = None
-        facts = result.shape.facts
-        if may_be_copy(result.spectral, first.radius, facts["scale"] / facts["area"] ** 0.5):
-            second = _stored_surface(container, collection, result)
-            if second is not None:
-                copy = await _copy(container, first, second, result.spectral, parameters)
-        probability = max(result.combined, result.typical_probability)
-        relations.append(_relation(result.spectral, result.cc, probability, copy))
-    return relations
+def stored_surface(
+    container: Container, collection: CollectionNumber, shape_id: str, record: bytes
+) -> Surface:
+    """Return the surface of a stored shape with this embedding record; its file is read once."""
+    return Surface(record, once(partial(stored_mesh, container, collection, shape_id)))
 
 
 async def relation_of(
     container: Container,
-    comparison: Comparison,
-    typical_probability: float,
-    records: tuple[bytes, bytes],
-    meshes: tuple[ReadMesh, ReadMesh],
+    first: Surface,
+    second: Surface | None,
+    parameters: Parameters,
+    *,
+    spectral: float,
+    cc: float,
+    probability: float,
 ) -> Relation:
-    """Return the relation of the second of two compared shapes to the first.
+    """Return the relation of a second surface to a first one.
+
+    Surfaces are registered only if their eigenvalues and areas allow a copy. One that cannot be read, or is
+    deleted meanwhile, is no copy.
 
     Parameters
     ----------
     container : Container
-    comparison : Comparison
-    typical_probability : float
-        Their class probability at the typical density of shapes.
-    records : two bytes
-        The records of both embeddings.
-    meshes : two callables
-        They read the two meshes.
+    first : Surface
+    second : Surface or None
+        None if it cannot be a copy, or has no readable record.
+    parameters : Parameters
+    spectral : float
+        The distance of their log eigenvalues.
+    cc : float
+    probability : float
+        Their class probability.
     """
-    first = Surface(comparison.first, records[0], meshes[0])
-    second = Surface(comparison.second, records[1], meshes[1])
-    spectral = float(spectral_distances(first.embedding.signature, second.embedding.signature[None])[0])
     copy = None
-    if may_be_copy(spectral, first.radius, second.radius):
-        copy = await _copy(container, first, second, spectral, comparison.pipeline.parameters)
-    probability = max(comparison.combined, typical_probability)
-    return _relation(spectral, comparison.match.cc, probability, copy)
-
-
-def _stored_surface(
-    container: Container, collection: CollectionNumber, result: SearchResult
-) -> Surface | None:
-    """Return the surface of a result; None if it was deleted meanwhile, or its record cannot be read."""
-    if result.record is None:
-        log.warning("a result is not registered: its embedding is missing or damaged")
-        return None
     try:
-        embedding = embedding_from_bytes(result.record)
-    except BadRecordError as error:
-        log.warning("a result is not registered: %s", error)
-        return None
-    return Surface(embedding, result.record, partial(stored_mesh, container, collection, result.shape.id))
-
-
-async def _copy(
-    container: Container, first: Surface, second: Surface, spectral: float, parameters: Parameters
-) -> RigidCopy | None:
-    """Find a rigid copy or a variant: by the samples of the records, else by the surfaces of small meshes."""
-    copy = copy_by_samples(first.embedding, second.embedding, spectral)
-    if copy is not None or first.mesh is None or second.mesh is None:
-        return copy
-    if not (first.is_small and second.is_small):
-        return None
-    try:
-        meshes = await asyncio.gather(first.mesh(), second.mesh())
-        return await container.queue.do(
-            tasks.registered, *meshes, first.record, second.record, parameters, True
-        )
+        if second is not None and may_be_copy(spectral, first.radius, second.radius):
+            copy = await find_copy(container, first, second, parameters, most_faces=MOST_FACES)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
-        return None
-
-
-def _relation(spectral: float, cc: float, probability: float, copy: RigidCopy | None) -> Relation:
     kind = likeness(
         spectral=spectral,
         cc=cc,
@@ -166,13 +98,36 @@ def _relation(spectral: float, cc: float, probability: float, copy: RigidCopy | 
     return Relation(kind) if copy is None else Relation(kind, copy.scale, copy.difference)
 
 
-def once(read: ReadMesh) -> ReadMesh:
-    """Return a function that reads a mesh at its first call and keeps it."""
-    meshes: list[Mesh] = []
+async def find_copy(
+    container: Container,
+    first: Surface,
+    second: Surface,
+    parameters: Parameters,
+    *,
+    variants: bool = True,
+    most_faces: float = math.inf,
+) -> RigidCopy | None:
+    """Return the second surface as a rigid copy of the first, or a variant if these are wanted, else None.
 
-    async def kept() -> Mesh:
-        if not meshes:
-            meshes.append(await read())
-        return meshes[0]
+    Stages: compare the samples of the records; where they do not decide it, register both meshes, unless one
+    has more than `most_faces` faces.
 
-    return kept
+    Raises
+    ------
+    BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError
+        A record or a file cannot be used, or was deleted.
+    """
+
+    def by_samples() -> RigidCopy | None:
+        embeddings = first.embedding, second.embedding
+        spectral = spectral_distances(embeddings[0].signature, embeddings[1].signature[None])
+        return copy_by_samples(*embeddings, float(spectral[0]))
+
+    copy = await run_in_threadpool(by_samples)
+    faces = max(first.embedding.facts.faces, second.embedding.facts.faces)
+    if copy is not None or first.mesh is None or second.mesh is None or faces > most_faces:
+        return copy
+    meshes = await asyncio.gather(first.mesh(), second.mesh())
+    return await container.queue.do(
+        tasks.registered, *meshes, first.record, second.record, parameters, variants
+    )

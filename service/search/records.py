@@ -1,4 +1,4 @@
-"""A query, its candidates, their scores, and the answer."""
+"""A query, its candidates, their scores, and its results."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from core.arrays import Bytes
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_signature
-from core.embedding import Embedding, Match
+from core.embedding import Embedding
 from core.mesh.mesh import Mesh
-from core.pipeline import Pipeline
 from core.ranking.likeness import Likeness
 from core.ranking.local_density import LocalDensities
 from core.registration.rigid_copy import Difference
@@ -25,34 +24,61 @@ from service.shapes.records import ShapeRecord
 ReadMesh = Callable[[], Awaitable[Mesh]]
 
 
-@dataclass(frozen=True)
-class Query:
-    """The embedding that is searched for.
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A surface to compare.
 
     Attributes
     ----------
-    active_pipeline : ActivePipeline
-        The pipeline that made it.
     record : bytes
-        The embedding as it is stored, and sent to workers.
-    excluded : frozenset of int
-        The numbers of stored shapes that are left out: the query itself.
+        Its embedding as it is stored, and sent to workers.
     mesh : callable or None
-        Reads the mesh of the query; None for a query whose likeness to other shapes is not asked for.
-    number : int or None
-        The number of the embedding, if it is stored.
+        Reads its mesh; None for a surface whose likeness to others is not asked for.
     """
 
-    active_pipeline: ActivePipeline
     record: bytes
-    excluded: frozenset[int]
     mesh: ReadMesh | None = None
-    number: int | None = None
 
     @cached_property
     def embedding(self) -> Embedding:
         """The record, decoded once."""
         return embedding_from_bytes(self.record)
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the surface from its centroid over the root of its area."""
+        return float(self.embedding.facts.scale / self.embedding.facts.area**0.5)
+
+
+def once(read: ReadMesh) -> ReadMesh:
+    """Return a function that reads a mesh at its first call and keeps it."""
+    meshes: list[Mesh] = []
+
+    async def kept() -> Mesh:
+        if not meshes:
+            meshes.append(await read())
+        return meshes[0]
+
+    return kept
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Query(Surface):
+    """The surface that is searched for.
+
+    Attributes
+    ----------
+    active_pipeline : ActivePipeline
+        The pipeline that embedded it.
+    excluded : frozenset of int
+        The numbers of stored shapes that are left out: the query itself.
+    number : int or None
+        The number of the embedding, if it is stored.
+    """
+
+    active_pipeline: ActivePipeline
+    excluded: frozenset[int]
+    number: int | None = None
 
     @cached_property
     def descriptors(self) -> ShapeDescriptors:
@@ -152,91 +178,30 @@ class Relation:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
-    """Two embeddings, their match, and the probability that they are of one class.
-
-    `combined` depends on how dense the stored shapes are; see `SearchResult`.
-    """
-
-    pipeline: Pipeline
-    first: Embedding
-    second: Embedding
-    match: Match
-    combined: float
-
-
-@dataclass(frozen=True, eq=False)
 class SearchResult:
-    """One shape of an answer.
+    """One shape of an answer, before its likeness is told.
 
     Attributes
     ----------
     shape : ShapeRecord
-    record : bytes or None
-        Its embedding, if that was read: for correspondences, or since the shape may be a rigid copy.
+    surface : Surface or None
+        Its surface, if its record was read: for correspondences, or since the shape may be a rigid copy.
     cc, ssd, sim : float
         Its scores with the query.
     combined : float
         The class probability at the density of the collection's shapes.
-    typical_probability : float
-        The class probability at the typical density, which does not depend on other stored shapes.
+    probability : float
+        The greater of `combined` and the class probability at the typical density, which does not depend on
+        other stored shapes.
     spectral : float
         The distance of its log eigenvalues from those of the query.
-    size_ratio : float
-        The root of the ratio of its area to the query's.
-    comparison : Comparison or None
-        Its match with the query, if correspondences are asked for.
-    part_distance : float or None
-        Set if the query is a part.
     """
 
     shape: ShapeRecord
-    record: bytes | None
+    surface: Surface | None
     cc: float
     ssd: float
     sim: float
     combined: float
-    typical_probability: float
+    probability: float
     spectral: float
-    size_ratio: float
-    comparison: Comparison | None = None
-    part_distance: float | None = None
-
-
-@dataclass(frozen=True)
-class UnitMistake:
-    """Shapes that would pass the filter of a search if files had another unit.
-
-    Attributes
-    ----------
-    factor : float
-        The factor at which the most similar shape is, times the sizes that were asked for.
-    count : int
-        Number of shapes at that factor.
-    nearest : SearchResult
-        The most similar shape.
-    """
-
-    factor: float
-    count: int
-    nearest: SearchResult
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """The answer to a search.
-
-    `relations` are those of the results to the query; `best_cc` is the highest CC of all matched shapes, if
-    there are any; `boundary_ratio` is of the query's surface; `embedding` is the query's, if asked for;
-    `unit_mistake` is set if only shapes of other units pass the filter.
-    """
-
-    pipeline: Pipeline
-    results: list[SearchResult]
-    relations: list[Relation]
-    best_cc: float | None
-    compared: int
-    stored: int
-    boundary_ratio: float
-    embedding: Embedding | None
-    unit_mistake: UnitMistake | None = None

@@ -15,10 +15,11 @@ from service.collection import CollectionNumber
 from service.shapes.fields import split_tags
 from service.shapes.listing import Filters
 from service.shapes.records import ShapeFilter
-from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape, warnings_of
+from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape
 
 if TYPE_CHECKING:
-    from service.search.records import Answer, Comparison, Relation, SearchResult, UnitMistake
+    from core.embedding import Embedding, Match
+    from service.search.records import Relation
 
 RankBy = Literal["cc", "ssd", "sim", "combined"]
 """The scores that results can be sorted by."""
@@ -320,26 +321,6 @@ class QueryAnswer(BaseModel):
         default=None, description="The embedding of the query, with the option embedding."
     )
 
-    @classmethod
-    def of(cls, answer: "Answer", *, milliseconds: dict[str, float]) -> "QueryAnswer":
-        """Return the JSON of an answer."""
-        return cls(
-            results=[
-                _result(rank, result, relation)
-                for rank, (result, relation) in enumerate(
-                    zip(answer.results, answer.relations, strict=True), start=1
-                )
-            ],
-            matched=answer.best_cc is not None
-            and answer.best_cc >= answer.pipeline.parameters.ranking.match_threshold,
-            compared=answer.compared,
-            stored=answer.stored,
-            pipeline=answer.pipeline.fingerprint,
-            milliseconds=milliseconds,
-            warnings=[*warnings_of(answer.boundary_ratio), *_unit_warning(answer.unit_mistake)],
-            embedding=None if answer.embedding is None else EmbeddingArrays.of(answer.embedding),
-        )
-
 
 class MapShape(BaseModel):
     """A shape of a map."""
@@ -363,58 +344,25 @@ class MapAnswer(BaseModel):
     )
 
 
-def pairs(comparison: "Comparison") -> list[Pair]:
-    """Return the correspondence, each point with its position on its mesh."""
-    match = comparison.match
-    first, second = match.correspondence[:, 0], match.correspondence[:, 1]
-    columns: list[list[Any]] = [
-        first.tolist(),
-        comparison.first.vertices[first].tolist(),
-        comparison.first.positions[first].tolist(),
-        second.tolist(),
-        comparison.second.vertices[second].tolist(),
-        comparison.second.positions[second].tolist(),
-        match.distances.tolist(),
-        match.effective.tolist(),
+def pairs(match: "Match", first: "Embedding", second: "Embedding") -> list[Pair]:
+    """Return the correspondence of two embeddings, each point with its position on its mesh."""
+    ends = [
+        zip(
+            samples.tolist(),
+            embedding.vertices[samples].tolist(),
+            embedding.positions[samples].tolist(),
+            strict=True,
+        )
+        for embedding, samples in zip((first, second), match.correspondence.T, strict=True)
     ]
     return [
         Pair(
-            first=Point(sample=a, vertex=a_vertex, position=a_position),
-            second=Point(sample=b, vertex=b_vertex, position=b_position),
+            first=Point(sample=a[0], vertex=a[1], position=a[2]),
+            second=Point(sample=b[0], vertex=b[1], position=b[2]),
             distance=distance,
             effective=effective,
         )
-        for a, a_vertex, a_position, b, b_vertex, b_position, distance, effective in zip(
-            *columns, strict=True
+        for a, b, distance, effective in zip(
+            *ends, match.distances.tolist(), match.effective.tolist(), strict=True
         )
     ]
-
-
-def _unit_warning(mistake: "UnitMistake | None") -> list[str]:
-    if mistake is None:
-        return []
-    factor, count = mistake.factor, mistake.count
-    times = f"{factor:g}" if factor > 1.0 else f"1/{1.0 / factor:g}"
-    are = "1 shape is" if count == 1 else f"{count} shapes are"
-    return [
-        f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
-        f"{mistake.nearest.shape.name!r} (cc {score_in_words(mistake.nearest.cc)}): the units of the files "
-        "may differ"
-    ]
-
-
-def _result(rank: int, result: "SearchResult", relation: "Relation") -> Result:
-    return Result(
-        rank=rank,
-        cc=result.cc,
-        ssd=result.ssd,
-        sim=result.sim,
-        combined=result.combined,
-        likeness=relation.likeness,
-        scale=relation.scale,
-        difference=LocalDifference.of(relation),
-        part_distance=result.part_distance,
-        size_ratio=result.size_ratio if relation.scale is None else relation.scale,
-        shape=Shape.of(result.shape),
-        correspondence=None if result.comparison is None else pairs(result.comparison),
-    )

@@ -220,7 +220,7 @@ def test_a_pair_that_ends_a_worker_costs_that_pair(running: Running, monkeypatch
     for seed in (1, 2):
         running.store(copy_of_plane(seed), f"{seed}.off")
     with monkeypatch.context() as patch:
-        patch.setattr(judging, "registered", crashes)
+        patch.setattr(judging, "find_copy", crashes)
         found = ask(running)
     assert (found["groups"], found["aligned"]) == ([], 1)
 
