@@ -6,12 +6,11 @@ from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 
 from service.collection import CollectionNumber
 from service.duplicates.groups import Judgement, Link, Search
+from service.index.repository import ENTRIES
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import (
-    NOT_DELETED,
-    CoarseSamplesRow,
     DuplicatePairRow,
     EmbeddingRow,
     JudgedShapeRow,
@@ -103,7 +102,9 @@ def write(session: WriteSession, search: Search, judgement: Judgement) -> None:
 
 def exists(session: ReadSession, number: int, embedding: int) -> bool:
     """Return whether a shape exists and has an embedding."""
-    query = _with_embedding().where(ShapeRow.number == number, EmbeddingRow.number == embedding)
+    query = ENTRIES.with_only_columns(ShapeRow.number).where(
+        ShapeRow.number == number, EmbeddingRow.number == embedding
+    )
     return session.scalar(query) is not None
 
 
@@ -149,15 +150,9 @@ def counts(session: ReadSession, search: Search, shapes: Collection[int]) -> tup
     return sum(row.compared for row in rows), sum(row.aligned for row in rows)
 
 
-def _with_embedding() -> Select[int]:
-    same = (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format)
-    return select(ShapeRow.number).join(EmbeddingRow, same).where(NOT_DELETED)
-
-
 def _embedded(fingerprint: str) -> Select[int]:
-    """Return the shapes that the index of signatures has: an embedding without its sketch is damaged."""
-    query = _with_embedding().join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-    return query.where(EmbeddingRow.fingerprint == fingerprint)
+    """Return the shapes that the index of signatures has."""
+    return ENTRIES.with_only_columns(ShapeRow.number).where(EmbeddingRow.fingerprint == fingerprint)
 
 
 def _unjudged(search: Search, collection: CollectionNumber | None) -> Select[int]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import func, select
+from sqlalchemy import Row, func, select
 
 from service.storage.database import ReadSession
 from service.storage.tables import (
@@ -80,6 +80,25 @@ NOTHING = IndexEntries(
     np.empty(0, np.float32),
 )
 
+OF_SHAPE = (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format)
+"""The condition that an embedding is of a shape's file."""
+
+ENTRIES = (
+    select(
+        ShapeRow.number,
+        ShapeRow.collection_number,
+        EmbeddingRow.number,
+        CoarseSamplesRow.signature,
+        CoarseSamplesRow.data,
+        CoarseSamplesRow.view_signature,
+        CoarseSamplesRow.reliability,
+    )
+    .join(EmbeddingRow, OF_SHAPE)
+    .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
+    .where(NOT_DELETED)
+)
+"""A query of the rows of the entries of all pipelines."""
+
 
 def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
     """Yield the embedded shapes of a pipeline that were stored, or embedded, after a revision.
@@ -87,49 +106,33 @@ def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterato
     The entries come in batches, so that the rows of a large archive are never in memory at once. The query
     runs on the connection, because the session's own methods take twice as long.
     """
-    query = (
-        select(
-            ShapeRow.number,
-            ShapeRow.collection_number,
-            EmbeddingRow.number,
-            CoarseSamplesRow.signature,
-            CoarseSamplesRow.data,
-            CoarseSamplesRow.view_signature,
-            CoarseSamplesRow.reliability,
-        )
-        .join(
-            EmbeddingRow,
-            (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
-        )
-        .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-        .where(ShapeRow.revision > since, NOT_DELETED, EmbeddingRow.fingerprint == fingerprint)
-        .execution_options(yield_per=AT_ONCE)
+    query = ENTRIES.where(ShapeRow.revision > since, EmbeddingRow.fingerprint == fingerprint)
+    with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as rows:
+        yield from map(entries_of, rows.partitions())
+
+
+def entries_of(rows: Sequence[Row[*tuple[Any, ...]]]) -> IndexEntries:
+    """Return the entries of rows of `ENTRIES`."""
+    if not rows:
+        return NOTHING
+    shapes, collections, embeddings, *bytes_of_rows, view_signatures, reliabilities = zip(*rows, strict=True)
+    signatures, coarse_samples = map(stacked, bytes_of_rows)
+    return IndexEntries(
+        np.array(shapes, dtype=np.int64),
+        np.array(collections, dtype=np.int64),
+        np.array(embeddings, dtype=np.int64),
+        signatures.view("<f4"),
+        coarse_samples,
+        stacked([b"" if row is None else row.tobytes() for row in view_signatures]),
+        np.array(reliabilities, dtype=np.float32),
     )
-    with session.connection().execute(query) as found:
-        for rows in found.partitions():
-            shapes, collections, embeddings, *sketches = zip(*rows, strict=True)
-            signatures, coarse_samples, view_signatures, reliabilities = sketches
-            yield IndexEntries(
-                np.array(shapes, dtype=np.int64),
-                np.array(collections, dtype=np.int64),
-                np.array(embeddings, dtype=np.int64),
-                stacked(signatures).view("<f4"),
-                stacked(coarse_samples),
-                stacked_views(view_signatures),
-                np.array(reliabilities, dtype=np.float32),
-            )
 
 
 def stacked(rows: Sequence[bytes]) -> NDArray[np.uint8]:
-    """Byte strings of equal length as an array, shape (n, l), uint8; an empty string becomes zeros."""
+    """Return byte strings of equal length as an array, shape (n, l), uint8; an empty string becomes zeros."""
     length = max(map(len, rows), default=0)
-    data = b"".join(one or bytes(length) for one in rows)
+    data = b"".join(row or bytes(length) for row in rows)
     return np.frombuffer(data, dtype=np.uint8).reshape(len(rows), length)
-
-
-def stacked_views(rows: Sequence[NDArray[np.uint8] | None]) -> NDArray[np.uint8]:
-    """View signatures as an array, shape (n, v), uint8; v is 0 if the embeddings have no views."""
-    return stacked([b"" if one is None else one.tobytes() for one in rows])
 
 
 def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:
@@ -141,5 +144,5 @@ def removed_since(session: ReadSession, since: int) -> NDArray[np.int64]:
 def facts_since(session: ReadSession, since: int) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Yield the facts of the shapes that were stored, or embedded, after a revision, by number."""
     query = select(ShapeRow.number, ShapeRow.facts).where(ShapeRow.revision > since, NOT_DELETED)
-    with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as found:
-        yield from ((number, facts) for number, facts in found)
+    with session.connection().execute(query.execution_options(yield_per=AT_ONCE)) as rows:
+        yield from ((number, facts) for number, facts in rows)

@@ -5,7 +5,7 @@ PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.stora
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from sqlalchemy import (
 from core.arrays import Float32s, Ints
 from service.collection import CollectionNumber
 from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
-from service.index.repository import stacked
+from service.index.repository import ENTRIES, OF_SHAPE, IndexEntries, entries_of, stacked
 from service.observability.logging import get_logger
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
@@ -44,9 +44,6 @@ from service.storage.tables import (
 
 log = get_logger("search")
 
-NeighbourQuery = Select[int, int, float]
-"""A query of the numbers of shapes and embeddings, and of distances."""
-
 Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
 
 MORE = 2
@@ -60,26 +57,26 @@ MOST_SEEN = 100_000
 
 def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
     """Return the records of embeddings by number, without deleted and damaged ones; these are logged."""
-    columns = EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
-    records = {}
-    for row in session.execute(select(*columns).where(EmbeddingRow.number.in_(numbers))):
-        if is_whole(row.record, row.checksum):
-            records[row.number] = row.record
-        else:
-            log.error("embedding %d is damaged: it does not have its checksum", row.number)
-    return records
+    row = EmbeddingRow
+    return _whole(session, select(row.number, row.record, row.checksum).where(row.number.in_(numbers)))
 
 
 def stored_points(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
     """Return the points of embeddings by number, without deleted and damaged ones; these are logged."""
-    columns = QuantisedPointsRow.embedding_number, QuantisedPointsRow.data, QuantisedPointsRow.checksum
-    points = {}
-    for row in session.execute(select(*columns).where(QuantisedPointsRow.embedding_number.in_(numbers))):
-        if is_whole(row.data, row.checksum):
-            points[row.embedding_number] = row.data
+    row = QuantisedPointsRow
+    query = select(row.embedding_number, row.data, row.checksum).where(row.embedding_number.in_(numbers))
+    return _whole(session, query)
+
+
+def _whole(session: ReadSession, query: Select[int, bytes, str]) -> dict[int, bytes]:
+    """Return the data that have their checksums, by the number of their embedding."""
+    whole = {}
+    for number, data, checksum in session.execute(query):
+        if is_whole(data, checksum):
+            whole[number] = data
         else:
-            log.error("the points of embedding %d are damaged", row.embedding_number)
-    return points
+            log.error("data of embedding %d are damaged: they do not have their checksum", number)
+    return whole
 
 
 def sampled_embeddings(session: ReadSession, fingerprint: str, collection: CollectionNumber) -> list[int]:
@@ -90,10 +87,7 @@ def sampled_embeddings(session: ReadSession, fingerprint: str, collection: Colle
     short = ShapeRow.number % PRIME
     query = (
         select(ShapeRow.number, EmbeddingRow.number)
-        .join(
-            EmbeddingRow,
-            (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
-        )
+        .join(EmbeddingRow, OF_SHAPE)
         .where(EmbeddingRow.fingerprint == fingerprint, ShapeRow.collection_number == collection, NOT_DELETED)
         .order_by((short * short % PRIME * FIRST + short * SECOND) % PRIME, ShapeRow.number)
         .limit(SAMPLE)
@@ -112,50 +106,12 @@ def map_shapes(
     session: ReadSession, fingerprint: str, numbers: Ints
 ) -> tuple[Sequence[str], Sequence[str], Float32s]:
     """Return the ids, names and signatures, shape (n, s), of the shapes that a pipeline has embedded."""
-    query = (
-        select(ShapeRow.id, ShapeRow.name, CoarseSamplesRow.signature)
-        .join(
-            EmbeddingRow,
-            (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
-        )
-        .join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
-        .where(ShapeRow.number.in_(numbers.tolist()), NOT_DELETED, EmbeddingRow.fingerprint == fingerprint)
-        .order_by(ShapeRow.number)
+    query = ENTRIES.with_only_columns(ShapeRow.id, ShapeRow.name, CoarseSamplesRow.signature).where(
+        ShapeRow.number.in_(numbers.tolist()), EmbeddingRow.fingerprint == fingerprint
     )
-    ids, names, signatures = (
-        zip(*rows, strict=True) if (rows := session.execute(query).all()) else ((), (), ())
-    )
+    rows = session.execute(query.order_by(ShapeRow.number)).all()
+    ids, names, signatures = zip(*rows, strict=True) if rows else ((), (), ())
     return ids, names, stacked(signatures).view("<f4")
-
-
-@dataclass(frozen=True, eq=False)
-class Neighbours:
-    """Shapes in the order of their distances, and for equal distances of their numbers.
-
-    Attributes
-    ----------
-    shapes, embeddings : int64, shape (n,)
-        Numbers of the shapes and of their embeddings.
-    distances : float64, shape (n,)
-        Distances, computed in single precision.
-    """
-
-    shapes: NDArray[np.int64]
-    embeddings: NDArray[np.int64]
-    distances: NDArray[np.float64]
-
-    def only(self, indices: NDArray[np.intp] | NDArray[np.bool_]) -> "Neighbours":
-        """Return the shapes at some indices, or those that a mask selects."""
-        return Neighbours(self.shapes[indices], self.embeddings[indices], self.distances[indices])
-
-
-class ShortDescriptors(NamedTuple):
-    """Short descriptors of an embedding; the coarse samples may be empty, and the last two be missing."""
-
-    signature: bytes
-    coarse_samples: bytes
-    view_signature: NDArray[np.uint8] | None
-    reliability: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +145,10 @@ def nearest(
     shapes: ShapeFilter,
     ef_search: int | None,
     more: int = MORE,
-) -> Neighbours:
-    """Return the shapes with the nearest signatures: `count` shapes, or all if there are fewer.
+) -> Ints:
+    """Return the numbers of the shapes with the nearest signatures: `count`, or all if there are fewer.
+
+    They are in the order of their distances in single precision, and for equal distances of their numbers.
 
     Parameters
     ----------
@@ -221,7 +179,7 @@ def nearest_views(
     *,
     shapes: ShapeFilter,
     ef_search: int | None,
-) -> Neighbours:
+) -> Ints:
     """Return neighbours as `nearest` does, by the L1 distances of view signatures, shape (v,)."""
     search = _Search(
         view_signature, CoarseSamplesRow.view_signature, "<+>", has_view_signature(len(view_signature))
@@ -238,7 +196,7 @@ def _nearest(
     shapes: ShapeFilter,
     ef_search: int | None,
     more: int,
-) -> Neighbours:
+) -> Ints:
     if ef_search is not None:
         for name, value in (
             ("hnsw.ef_search", ef_search),
@@ -246,10 +204,19 @@ def _nearest(
             ("hnsw.max_scan_tuples", MOST_SEEN),
         ):
             session.execute(select(func.set_config(name, str(value), True)))
-        neighbours = _run(session, _by_hnsw(fingerprint, search, count, shapes, more * count))
-        if len(neighbours.shapes) == count:
-            return neighbours
-    return _run(session, _exactly(fingerprint, search, count, shapes))
+        # The expression of the HNSW index, which returns rows in approximate order.
+        by_index = replace(search, column=cast(search.column, PgVector(len(search.vector))))
+        rows = _distances(fingerprint, by_index, shapes).limit(more * count).order_by(text("distance"))
+        near = rows.cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
+        # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
+        order = near.c.distance + literal(0.0, literal_execute=True)
+        query = select(near.c.shape).order_by(order, near.c.shape).limit(count)
+        neighbours = session.scalars(query).all()
+        if len(neighbours) == count:
+            return np.array(neighbours, dtype=np.int64)
+    # An expression without an index: PostgreSQL computes all distances.
+    exact = _distances(fingerprint, search, shapes).order_by("distance", "shape").limit(count)
+    return np.array(session.scalars(exact).all(), dtype=np.int64)
 
 
 def has_at_least(
@@ -261,36 +228,15 @@ def has_at_least(
     return (session.scalar(select(func.count()).select_from(first)) or 0) >= count
 
 
-def signatures(
-    session: ReadSession, fingerprint: str, shapes: ShapeFilter
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
-    """Return the numbers of n shapes and of their embeddings, and their signatures, shape (n, s)."""
-    query = select(ShapeRow.number, EmbeddingRow.number, EmbeddingRow.signature)
-    query = _embedded(query, fingerprint, shapes).order_by(ShapeRow.number)
-    rows = session.execute(query.execution_options(yield_per=AT_ONCE)).all()
-    length = len(rows[0][2]) if rows else 0
-    return (
-        np.array([row[0] for row in rows], dtype=np.int64),
-        np.array([row[1] for row in rows], dtype=np.int64),
-        np.array([row[2] for row in rows], dtype=np.float32).reshape(len(rows), length),
-    )
-
-
-def short_descriptors(session: ReadSession, embeddings: NDArray[np.int64]) -> dict[int, ShortDescriptors]:
-    """Return the short descriptors of embeddings by number."""
-    query = select(
-        CoarseSamplesRow.embedding_number,
-        CoarseSamplesRow.signature,
-        CoarseSamplesRow.data,
-        CoarseSamplesRow.view_signature,
-        CoarseSamplesRow.reliability,
-    )
-    descriptors: dict[int, ShortDescriptors] = {}
-    for start in range(0, len(embeddings), AT_ONCE):
-        batch = embeddings[start : start + AT_ONCE].tolist()
-        rows = session.execute(query.where(CoarseSamplesRow.embedding_number.in_(batch)))
-        descriptors |= {row[0]: ShortDescriptors(row[1], row[2], row[3], row[4]) for row in rows}
-    return descriptors
+def entries(session: ReadSession, fingerprint: str, shapes: ShapeFilter | Ints) -> IndexEntries:
+    """Return the embedded shapes that match a filter, or that have some numbers."""
+    if isinstance(shapes, ShapeFilter):
+        conditions = [ShapeRow.number.in_(matching(shapes))]
+    else:
+        batches = [shapes[start : start + AT_ONCE] for start in range(0, len(shapes), AT_ONCE)]
+        conditions = [ShapeRow.number.in_(batch.tolist()) for batch in batches]
+    query = ENTRIES.where(EmbeddingRow.fingerprint == fingerprint)
+    return entries_of([row for condition in conditions for row in session.execute(query.where(condition))])
 
 
 def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
@@ -299,29 +245,11 @@ def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
     return list(session.scalars(query.order_by(EmbeddingRow.number.desc()).limit(count)))
 
 
-def _by_hnsw(
-    fingerprint: str, search: _Search, count: int, shapes: ShapeFilter, taken: int
-) -> NeighbourQuery:
-    """Return a query by the expression of the HNSW index, which returns rows in approximate order."""
-    by_index = replace(search, column=cast(search.column, PgVector(len(search.vector))))
-    nearest_rows = _distances(fingerprint, by_index, shapes).limit(taken)
-    near = nearest_rows.order_by(text("distance")).cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
-    # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
-    order = near.c.distance + literal(0.0, literal_execute=True)
-    return select(near.c.shape, near.c.embedding, near.c.distance).order_by(order, near.c.shape).limit(count)
-
-
-def _exactly(fingerprint: str, search: _Search, count: int, shapes: ShapeFilter) -> NeighbourQuery:
-    """Return a query by an expression without an index, so that PostgreSQL computes all distances."""
-    return _distances(fingerprint, search, shapes).order_by("distance", "shape").limit(count)
-
-
-def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> NeighbourQuery:
+def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> Select[int, float]:
     vector = cast(literal(vector_text(search.vector), String), PgVector(len(search.vector)))
     query = _embedded(
         select(
             ShapeRow.number.label("shape"),
-            EmbeddingRow.number.label("embedding"),
             search.column.op(search.operator, return_type=Float())(vector).label("distance"),
         ),
         fingerprint,
@@ -336,23 +264,10 @@ def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> Neighb
 
 def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:
     """Restrict a query to shapes that match a filter, and to their embeddings by a pipeline."""
-    query = query.join(
-        EmbeddingRow,
-        (EmbeddingRow.blob_number == ShapeRow.blob_number) & (EmbeddingRow.format == ShapeRow.format),
-    )
     # A literal, so that the planner can choose the partial index of the pipeline.
-    query = query.where(
+    query = query.join(EmbeddingRow, OF_SHAPE).where(
         EmbeddingRow.fingerprint == bindparam(None, fingerprint, literal_execute=True),
         ShapeRow.collection_number == shapes.collection,
         NOT_DELETED,
     )
     return query if shapes.is_empty else query.where(ShapeRow.number.in_(matching(shapes)))
-
-
-def _run(session: ReadSession, query: NeighbourQuery) -> Neighbours:
-    rows = session.execute(query).all()
-    return Neighbours(
-        np.array([row[0] for row in rows], dtype=np.int64),
-        np.array([row[1] for row in rows], dtype=np.int64),
-        np.array([row[2] for row in rows], dtype=np.float64),
-    )

@@ -1,6 +1,6 @@
 """The index of signatures, which finds the nearest shapes: in memory, or in PostgreSQL with pgvector."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Protocol
@@ -14,7 +14,7 @@ from core.ranking.shortlist import least, signature_distances
 from service.collection import CollectionNumber
 from service.container import Container
 from service.index.density_samples import sampled
-from service.index.repository import IndexEntries, count_shapes, stacked, stacked_views
+from service.index.repository import IndexEntries, count_shapes
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
@@ -219,46 +219,38 @@ class PostgresSelection:
         )
 
     def entries(self) -> IndexEntries:
-        """Read the signatures of all shapes."""
-        numbers, embeddings, signatures = repository.signatures(self.session, self.fingerprint, self.shapes)
-        without_bytes = np.empty((len(numbers), 0), np.uint8)
-        collections = np.full(len(numbers), self.shapes.collection, np.int64)
-        unknown = np.full(len(numbers), np.nan, np.float32)
-        entries = IndexEntries(
-            numbers, collections, embeddings, signatures, without_bytes, without_bytes, unknown
-        )
-        return entries.only(~np.isin(numbers, self.excluded))
+        """Read the entries of all shapes."""
+        entries = repository.entries(self.session, self.fingerprint, self.shapes)
+        return entries.only(~np.isin(entries.shapes, self.excluded))
 
     def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Ask the database for both kinds of neighbours, and read their short descriptors once."""
+        """Ask the database for both kinds of neighbours, and read their entries once."""
         signature = query.embedding.signature
-        count = by_signature + len(self.excluded) + CLOSE
         near = repository.nearest(
             self.session,
             self.fingerprint,
             signature,
-            count,
+            by_signature + len(self.excluded) + CLOSE,
             shapes=self.shapes,
             ef_search=self._ef_search,
         )
-        count = by_views + len(self.excluded)
         alike = repository.nearest_views(
             self.session,
             self.fingerprint,
             query.view_signature,
-            count,
+            by_views + len(self.excluded),
             shapes=self.shapes,
             ef_search=self._ef_search,
         )
-        near = near.only(~np.isin(near.shapes, self.excluded))
-        alike = alike.only(np.flatnonzero(~np.isin(alike.shapes, self.excluded))[:by_views])
-        embeddings = np.concatenate([near.embeddings, alike.embeddings])
-        descriptors = repository.short_descriptors(self.session, embeddings)
-        signatures = self._entries(near.shapes, near.embeddings, descriptors).signatures
-        near = near.only(least(signature_distances(signature, signatures), near.shapes, by_signature))
-        further = alike.only(~np.isin(alike.shapes, near.shapes))
-        shapes = np.concatenate([near.shapes, further.shapes])
-        return self._entries(shapes, np.concatenate([near.embeddings, further.embeddings]), descriptors)
+        near = near[~np.isin(near, self.excluded)]
+        alike = alike[~np.isin(alike, self.excluded)][:by_views]
+        entries = repository.entries(self.session, self.fingerprint, np.union1d(near, alike))
+        rows = np.flatnonzero(np.isin(entries.shapes, near))
+        distances = signature_distances(signature, entries.signatures[rows])
+        rows = rows[least(distances, entries.shapes[rows], by_signature)]
+        further = np.isin(entries.shapes, alike)
+        further[rows] = False
+        return entries.only(np.concatenate([rows, np.flatnonzero(further)]))
 
     @cached_property
     def _ef_search(self) -> int | None:
@@ -269,17 +261,3 @@ class PostgresSelection:
         if others and 2 * self.stored < count_shapes(self.session):
             return None
         return EF_SEARCH
-
-    def _entries(
-        self, shapes: Ints, embeddings: Ints, descriptors: Mapping[int, repository.ShortDescriptors]
-    ) -> IndexEntries:
-        rows = [descriptors[number] for number in embeddings.tolist()]
-        return IndexEntries(
-            shapes,
-            np.full(len(rows), self.shapes.collection, np.int64),
-            embeddings,
-            stacked([row.signature for row in rows]).view("<f4"),
-            stacked([row.coarse_samples for row in rows]),
-            stacked_views([row.view_signature for row in rows]),
-            np.array([row.reliability for row in rows], dtype=np.float32),
-        )

@@ -157,7 +157,7 @@ def _search(
     more: int,
 ) -> NDArray[np.int64]:
     with database.read() as session:
-        return nearest(session, FINGERPRINT, query, most, shapes=shapes, ef_search=ef, more=more).shapes
+        return nearest(session, FINGERPRINT, query, most, shapes=shapes, ef_search=ef, more=more)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from core.arrays import Ints
 from service.search import repository
 from service.search.signature_index import MemoryIndex
 from service.storage.hnsw import EF_SEARCH
@@ -93,7 +94,7 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     asked: list[int | None] = []
     nearest = repository.nearest
 
-    def noted(*arguments: Any, ef_search: int | None, **named: Any) -> repository.Neighbours:
+    def noted(*arguments: Any, ef_search: int | None, **named: Any) -> Ints:
         asked.append(ef_search)
         return nearest(*arguments, ef_search=ef_search, **named)
 
