@@ -29,7 +29,6 @@ from service.http.middleware import AccessControl, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache
-from service.index.density_samples import DensitySamples
 from service.index.surface_measurements import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
@@ -198,7 +197,6 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         searches=ActivityGate(),
         comparing_is_ready=Event(),
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES),
-        density_samples=DensitySamples(),
         measurements=SurfaceMeasurements(),
         judging=set(),
     )

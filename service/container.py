@@ -11,7 +11,6 @@ from service.compute.pool import LocalPool
 from service.compute.request_queue import ActivityGate, RequestQueue
 from service.http.idempotency.keys import InFlight
 from service.index.cache import EmbeddingCache
-from service.index.density_samples import DensitySamples
 from service.index.surface_measurements import SurfaceMeasurements
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
@@ -43,6 +42,5 @@ class Container:
     searches: ActivityGate
     comparing_is_ready: Event
     descriptors: EmbeddingCache[ShapeDescriptors]
-    density_samples: DensitySamples
     measurements: SurfaceMeasurements
     judging: set[tuple[int, bool]]

@@ -10,9 +10,8 @@ from service.collection import CollectionNumber
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.duplicates import service
-from service.duplicates.groups import MIN_CC
+from service.duplicates.groups import MIN_CC, DuplicateCriteria
 from service.duplicates.schemas import DuplicatesAnswer
-from service.duplicates.service import DuplicateCriteria, Duplicates
 from service.http.middleware import while_connected
 from service.http.problems import documented
 from service.http.request_bodies import once_each
@@ -94,12 +93,11 @@ async def duplicates(
     timings = Timings()
     criteria = options.criteria(collection.number)
 
-    async def find_groups(active_pipeline: ActivePipeline) -> Duplicates:
+    async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
         return await service.find(container, criteria, active_pipeline, timings)
 
     with container.queue.admitted():
-        groups = await while_connected(request, with_active_pipeline(container, find_groups))
-    answer = DuplicatesAnswer.of(groups, milliseconds=timings.so_far())
+        answer = await while_connected(request, with_active_pipeline(container, find_groups))
     if options.format == "csv":
         return Response(answer.csv(), media_type=MEDIA_TYPE)
     return answer

@@ -1,11 +1,12 @@
-"""Near-identical pairs: the search for them, its judgement of one shape, and the groups that pairs join."""
+"""Near-identical pairs: the search for them, the criteria of a report, and the groups that pairs join."""
 
 from collections import deque
-from collections.abc import Sequence, Set
+from collections.abc import Set
 from dataclasses import dataclass
 
 from core.registration.kinship import Kinship, kinship
 from core.registration.similarity import RESIDUAL
+from service.shapes.records import ShapeFilter
 
 MIN_CC = 0.98
 """Least CC of two shapes that are registered. Poses of one body pass this limit too."""
@@ -38,13 +39,13 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """A shape by number, its copies and variants, and the numbers of compared and registered pairs."""
+class DuplicateCriteria:
+    """The shapes of a report, the least CC of a pair, the largest residual, and whether variants count."""
 
-    shape: int
-    links: Sequence[Link]
-    compared: int
-    aligned: int
+    shapes: ShapeFilter
+    min_cc: float
+    max_residual: float
+    variants: bool
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from core.registration.rigid_copy import RigidCopy
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.groups import Groups, Judgement, Link, Search
+from service.duplicates.groups import Groups, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
 from service.index.repository import IndexEntries
 from service.index.surface_measurements import MeasuredShapes
@@ -239,7 +239,9 @@ class ShapeJudge:
             ends = {link.first for link in self._links} | {link.second for link in self._links}
             present = repository.judged(session, search, sorted(ends)) | {self.shape}
             links = [link for link in self._links if {link.first, link.second} <= present]
-            repository.write(session, search, Judgement(self.shape, links, self._compared, self._aligned))
+            repository.write(
+                session, search, self.shape, links, compared=self._compared, aligned=self._aligned
+            )
             return True
 
 

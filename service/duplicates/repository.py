@@ -1,11 +1,13 @@
 """The SQL of near-identical shapes."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import asdict, astuple
+from typing import Any
 
 from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 
 from service.collection import CollectionNumber
-from service.duplicates.groups import Judgement, Link, Search
+from service.duplicates.groups import DuplicateCriteria, Link, Search
 from service.index.repository import ENTRIES
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
@@ -16,6 +18,17 @@ from service.storage.tables import (
     JudgedShapeRow,
     ShapeRow,
 )
+
+LINK = (
+    DuplicatePairRow.first_number,
+    DuplicatePairRow.second_number,
+    DuplicatePairRow.cc,
+    DuplicatePairRow.residual,
+    DuplicatePairRow.scale,
+    DuplicatePairRow.mirrored,
+    DuplicatePairRow.variant,
+)
+"""The columns of the fields of a link, in their order."""
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
@@ -63,41 +76,26 @@ def latest(session: ReadSession) -> int:
     return session.scalar(select(func.max(JudgedShapeRow.number))) or 0
 
 
-def write(session: WriteSession, search: Search, judgement: Judgement) -> None:
+def write(
+    session: WriteSession, search: Search, shape: int, links: Sequence[Link], *, compared: int, aligned: int
+) -> None:
     """Store the judgement of a shape and the pairs that it found, unless they are stored."""
-    first, second = DuplicatePairRow.first_number, DuplicatePairRow.second_number
-    of_shape = or_(first == judgement.shape, second == judgement.shape)
-    known = session.execute(
-        select(first, second).where(of_shape, DuplicatePairRow.fingerprint == search.fingerprint)
-    )
-    stored = {(row[0], row[1]) for row in known}
-    for link in judgement.links:
-        if (link.first, link.second) not in stored:
-            session.add(
-                DuplicatePairRow(
-                    first_number=link.first,
-                    second_number=link.second,
-                    fingerprint=search.fingerprint,
-                    cc=link.cc,
-                    residual=link.residual,
-                    scale=link.scale,
-                    mirrored=link.mirrored,
-                    variant=link.variant,
-                )
-            )
-    before = JudgedShapeRow.shape_number == judgement.shape, JudgedShapeRow.variants.is_(search.variants)
-    session.execute(delete(JudgedShapeRow).where(*before, JudgedShapeRow.fingerprint == search.fingerprint))
-    session.add(
-        JudgedShapeRow(
-            shape_number=judgement.shape,
-            fingerprint=search.fingerprint,
-            variants=search.variants,
-            min_cc=search.min_cc,
-            max_residual=search.max_residual,
-            compared=judgement.compared,
-            aligned=judgement.aligned,
+    row = DuplicatePairRow
+    of_shape = or_(row.first_number == shape, row.second_number == shape)
+    stored = _links(session, select(*LINK).where(row.fingerprint == search.fingerprint, of_shape))
+    known = {(link.first, link.second) for link in stored}
+    for link in links:
+        if (link.first, link.second) not in known:
+            values = dict(zip((column.key for column in LINK), astuple(link), strict=True))
+            session.add(DuplicatePairRow(fingerprint=search.fingerprint, **values))
+    session.execute(
+        delete(JudgedShapeRow).where(
+            JudgedShapeRow.shape_number == shape,
+            JudgedShapeRow.variants.is_(search.variants),
+            JudgedShapeRow.fingerprint == search.fingerprint,
         )
     )
+    session.add(JudgedShapeRow(shape_number=shape, compared=compared, aligned=aligned, **asdict(search)))
 
 
 def exists(session: ReadSession, number: int, embedding: int) -> bool:
@@ -112,35 +110,31 @@ def links_among(session: ReadSession, fingerprint: str, shapes: Sequence[int]) -
     """Return the pairs of copies among some shapes."""
     row = DuplicatePairRow
     inside = row.first_number.in_(shapes), row.second_number.in_(shapes)
-    query = select(row).where(row.fingerprint == fingerprint, row.variant.is_(False), *inside)
-    return [_link(each) for each in session.scalars(query)]
+    return _links(
+        session, select(*LINK).where(row.fingerprint == fingerprint, row.variant.is_(False), *inside)
+    )
 
 
-def links_of(
-    session: ReadSession,
-    fingerprint: str,
-    collection: CollectionNumber,
-    *,
-    min_cc: float,
-    max_residual: float,
-    variants: bool,
-) -> list[Link]:
+def links_of(session: ReadSession, fingerprint: str, wanted: DuplicateCriteria) -> list[Link]:
     """Return the pairs of a collection within some limits."""
     row = DuplicatePairRow
     query = (
-        select(row)
+        select(*LINK)
         .join(ShapeRow, ShapeRow.number == row.first_number)
         .where(
-            ShapeRow.collection_number == collection,
+            ShapeRow.collection_number == wanted.shapes.collection,
             row.fingerprint == fingerprint,
-            row.cc >= min_cc,
-            row.residual <= max_residual,
+            row.cc >= wanted.min_cc,
+            row.residual <= wanted.max_residual,
         )
         .order_by(row.first_number, row.second_number)
     )
-    if not variants:
-        query = query.where(row.variant.is_(False))
-    return [_link(each) for each in session.scalars(query)]
+    return _links(session, query if wanted.variants else query.where(row.variant.is_(False)))
+
+
+def _links(session: ReadSession, query: Select[*tuple[Any, ...]]) -> list[Link]:
+    """Return the pairs that a query of the columns `LINK` finds."""
+    return [Link(*columns) for columns in session.execute(query)]
 
 
 def counts(session: ReadSession, search: Search, shapes: Collection[int]) -> tuple[int, int]:
@@ -169,16 +163,4 @@ def _by(search: Search) -> tuple[ColumnElement[bool], ...]:
         row.variants.is_(search.variants),
         row.min_cc <= search.min_cc,
         row.max_residual >= search.max_residual,
-    )
-
-
-def _link(row: DuplicatePairRow) -> Link:
-    return Link(
-        row.first_number,
-        row.second_number,
-        row.cc,
-        row.residual,
-        row.scale,
-        mirrored=row.mirrored,
-        variant=row.variant,
     )

@@ -2,17 +2,11 @@
 
 import csv
 import io
-from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, Field
 
 from core.ranking.likeness import Likeness
-from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape
-
-if TYPE_CHECKING:
-    from service.duplicates.groups import GroupMember
-    from service.duplicates.service import Duplicates
 
 COLUMNS = ("group", "id", "name", "likeness", "scale", "cc", "residual")
 
@@ -33,17 +27,6 @@ class Duplicate(BaseModel):
     cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
 
-    @classmethod
-    def of(cls, member: "GroupMember", record: ShapeRecord) -> "Duplicate":
-        """Return the JSON of a member."""
-        return cls(
-            shape=Shape.of(record),
-            likeness=member.likeness,
-            scale=member.scale,
-            cc=member.cc,
-            residual=member.residual,
-        )
-
 
 class DuplicatesAnswer(BaseModel):
     """Groups of two or more near-identical shapes, the group with the oldest shape first."""
@@ -58,20 +41,6 @@ class DuplicatesAnswer(BaseModel):
         "when it is 0; ask again until then.",
     )
     milliseconds: dict[str, float] = Field(description="The time of each stage.")
-
-    @classmethod
-    def of(cls, duplicates: "Duplicates", *, milliseconds: dict[str, float]) -> "DuplicatesAnswer":
-        """Return the JSON of the groups."""
-        return cls(
-            groups=[
-                [Duplicate.of(member, record) for member, record in group] for group in duplicates.groups
-            ],
-            shapes=duplicates.shapes,
-            compared=duplicates.compared,
-            aligned=duplicates.aligned,
-            unjudged=duplicates.unjudged,
-            milliseconds=milliseconds,
-        )
 
     def csv(self) -> str:
         """Return a header, and a row for each shape of a group, with groups numbered from 1 (RFC 4180).

@@ -4,7 +4,7 @@ Shapes are judged in the background while the service is idle, or within a reque
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence, Set
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from time import monotonic
 
@@ -14,15 +14,16 @@ from starlette.concurrency import run_in_threadpool
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.groups import GroupMember, Groups, Search
+from service.duplicates.groups import DuplicateCriteria, Groups, Search
 from service.duplicates.judging import ShapeJudge
+from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
 from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.pipelines.active import ActivePipeline
 from service.shapes import repository as shapes_repository
-from service.shapes.records import ShapeFilter, ShapeRecord
+from service.shapes.schemas import Shape
 from service.storage.database import ReadSession
 
 JUDGING_SECONDS = 20.0
@@ -40,42 +41,9 @@ JUDGED_AT_ONCE = 64
 log = get_logger("duplicates")
 
 
-@dataclass(frozen=True)
-class DuplicateCriteria:
-    """The shapes of the report, the least CC of a pair, the largest residual, and whether variants count."""
-
-    filter: ShapeFilter
-    min_cc: float
-    max_residual: float
-    variants: bool
-
-
-@dataclass(frozen=True)
-class Duplicates:
-    """Groups of near-identical shapes.
-
-    Attributes
-    ----------
-    groups : list
-        Each with its members and their records.
-    shapes : int
-        Number of shapes of the report.
-    compared, aligned : int
-        Numbers of pairs that were compared and registered to judge them.
-    unjudged : int
-        Number of shapes of the collection that are not judged yet.
-    """
-
-    groups: list[list[tuple[GroupMember, ShapeRecord]]]
-    shapes: int
-    compared: int
-    aligned: int
-    unjudged: int
-
-
 async def find(
     container: Container, wanted: DuplicateCriteria, active_pipeline: ActivePipeline, timings: Timings
-) -> Duplicates:
+) -> DuplicatesAnswer:
     """Find the groups of near-identical shapes.
 
     Shapes that are not judged yet are judged first, for about `JUDGING_SECONDS`, where the archive can be
@@ -88,51 +56,46 @@ async def find(
         end = monotonic() + JUDGING_SECONDS
         try:
             for search in searches:
-                await judge_for(container, active_pipeline, search, wanted.filter.collection, end)
+                await judge_for(container, active_pipeline, search, wanted.shapes.collection, end)
         except (StorageFullError, StorageUnavailableError) as error:
             log.warning("the shapes are judged later: %s", error)
 
-    def read() -> Duplicates:
+    def read() -> DuplicatesAnswer:
         with container.database.read() as session:
             return _report(session, searches, wanted)
 
     with timings.stage("results"):
-        return await run_in_threadpool(read)
+        answer = await run_in_threadpool(read)
+    return answer.model_copy(update={"milliseconds": timings.so_far()})
 
 
-def _report(session: ReadSession, searches: Sequence[Search], wanted: DuplicateCriteria) -> Duplicates:
-    fingerprint, collection = searches[0].fingerprint, wanted.filter.collection
-    shapes = repository.embedded(session, fingerprint, wanted.filter)
+def _report(session: ReadSession, searches: Sequence[Search], wanted: DuplicateCriteria) -> DuplicatesAnswer:
+    fingerprint, collection = searches[0].fingerprint, wanted.shapes.collection
+    shapes = repository.embedded(session, fingerprint, wanted.shapes)
     groups = Groups()
-    for link in repository.links_of(
-        session,
-        fingerprint,
-        collection,
-        min_cc=wanted.min_cc,
-        max_residual=wanted.max_residual,
-        variants=wanted.variants,
-    ):
+    for link in repository.links_of(session, fingerprint, wanted):
         groups.join(link)
-    shown = _with_records(session, fingerprint, wanted.filter, groups.members(shapes))
-    compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
-    unjudged = max(repository.count_unjudged(session, each, collection) for each in searches)
-    return Duplicates(shown, len(shapes), int(compared), int(aligned), unjudged)
-
-
-def _with_records(
-    session: ReadSession, fingerprint: str, wanted: ShapeFilter, groups: list[list[GroupMember]]
-) -> list[list[tuple[GroupMember, ShapeRecord]]]:
-    """Return the groups with the records of their shapes."""
-    numbers: Set[int] = {member.shape for group in groups for member in group}
-    ordered = sorted(numbers)
-    known = {
+    members = groups.members(shapes)
+    numbers = sorted({member.shape for group in members for member in group})
+    records = {
         record.number: record
-        for start in range(0, len(ordered), RECORDS_AT_ONCE)
+        for start in range(0, len(numbers), RECORDS_AT_ONCE)
         for record in shapes_repository.records(
-            session, wanted.collection, ordered[start : start + RECORDS_AT_ONCE]
+            session, collection, numbers[start : start + RECORDS_AT_ONCE]
         )
     }
-    return [[(member, known[member.shape]) for member in group] for group in groups]
+    compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
+    return DuplicatesAnswer(
+        groups=[
+            [Duplicate(**vars(member) | {"shape": Shape.of(records[member.shape])}) for member in group]
+            for group in members
+        ],
+        shapes=len(shapes),
+        compared=int(compared),
+        aligned=int(aligned),
+        unjudged=max(repository.count_unjudged(session, each, collection) for each in searches),
+        milliseconds={},
+    )
 
 
 async def keep_judging(container: Container) -> None:

@@ -8,6 +8,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.errors import REEMBED
 from service.index.cache import POINTS_BYTES, EmbeddingCache
+from service.index.density_samples import COLLECTIONS, CollectionSample
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
@@ -19,12 +20,16 @@ log = get_logger("pipelines")
 
 @dataclass(frozen=True, eq=False)
 class ActivePipeline:
-    """A pipeline, the index of its signatures, the cache of its match records and that of its points."""
+    """A pipeline, the index of its signatures, and caches of its match records, points and samples.
+
+    The key of a sample is the number of its collection; the revision of the archive stands beside it.
+    """
 
     pipeline: Pipeline
     index: SignatureTable
     cache: EmbeddingCache[Float32s]
     points: EmbeddingCache[bytes]
+    samples: EmbeddingCache[tuple[int, CollectionSample]]
 
     @property
     def fingerprint(self) -> str:
@@ -100,6 +105,7 @@ class Pipelines:
                     SignatureTable(fingerprint),
                     EmbeddingCache(self._room),
                     EmbeddingCache(0, len, POINTS_BYTES),
+                    EmbeddingCache(COLLECTIONS, lambda _: 1),
                 )
             return self._active
 

@@ -135,8 +135,8 @@ def collection_sample(
     collection: CollectionNumber,
 ) -> CollectionSample:
     """Return the sample of a collection, as the session sees it."""
-    fingerprint, now = active_pipeline.fingerprint, revision(session)
-    kept = container.density_samples.get(fingerprint, collection)
+    now = revision(session)
+    kept = active_pipeline.samples.get([collection]).get(collection)
     if kept is not None and kept[0] == now:
         return kept[1]
     embeddings = signature_index(container, active_pipeline).sampled_embeddings(session, collection)
@@ -150,7 +150,7 @@ def collection_sample(
         described |= _described(container.descriptors, records)
         shapes = [described[number] for number in numbers if number in described]
         sample = CollectionSample(embeddings, density_sample(shapes))
-    container.density_samples.put(fingerprint, collection, now, sample)
+    active_pipeline.samples.put(collection, (now, sample))
     return sample
 
 

@@ -58,24 +58,25 @@ MOST_SEEN = 100_000
 def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
     """Return the records of embeddings by number, without deleted and damaged ones; these are logged."""
     row = EmbeddingRow
-    return _whole(session, select(row.number, row.record, row.checksum).where(row.number.in_(numbers)))
+    query = select(row.number, row.record, row.checksum).where(row.number.in_(numbers))
+    return _whole(session, query, "embedding")
 
 
 def stored_points(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
     """Return the points of embeddings by number, without deleted and damaged ones; these are logged."""
     row = QuantisedPointsRow
     query = select(row.embedding_number, row.data, row.checksum).where(row.embedding_number.in_(numbers))
-    return _whole(session, query)
+    return _whole(session, query, "point cloud of embedding")
 
 
-def _whole(session: ReadSession, query: Select[int, bytes, str]) -> dict[int, bytes]:
+def _whole(session: ReadSession, query: Select[int, bytes, str], kind: str) -> dict[int, bytes]:
     """Return the data that have their checksums, by the number of their embedding."""
     whole = {}
     for number, data, checksum in session.execute(query):
         if is_whole(data, checksum):
             whole[number] = data
         else:
-            log.error("data of embedding %d are damaged: they do not have their checksum", number)
+            log.error("%s %d is damaged: it does not have its checksum", kind, number)
     return whole
 
 

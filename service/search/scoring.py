@@ -86,14 +86,14 @@ async def score_candidates(
                 candidates = await _rerank(
                     container, query, reader, record, candidates, finalists, by_log_odds=by_log_odds
                 )
-        embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
         if record is not None:
             match = partial(_match, query, reader, record, candidates, by_log_odds)
-            scores = await _in_batches(container, match, embeddings, MATCH_BATCH, 4)
+            scores = await by_embedding(container, candidates, match, MATCH_BATCH, 4)
         else:
-            score = partial(_match_in_worker, container, query, reader, candidates, by_log_odds)
-            scores = await _in_batches(container, score, embeddings, PROCESS_BATCH, 4, on_threads=False)
-    scores = scores[:, rows]
+            match_in_worker = partial(_match_in_worker, container, query, reader, candidates, by_log_odds)
+            scores = await by_embedding(
+                container, candidates, match_in_worker, PROCESS_BATCH, 4, on_threads=False
+            )
     known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
     if not known.all():
         log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
@@ -163,7 +163,7 @@ async def _rank_coarsely(
 
     (cc,) = await _in_batches(container, rank, coarse_samples, COARSE_BATCH, 1)
     scores = await run_in_threadpool(coarse_log_odds, query, candidates.entries, cc) if by_log_odds else cc
-    return _best(candidates, scores, count)
+    return candidates.only(_best(candidates, scores, count))
 
 
 async def _rerank(
@@ -193,10 +193,10 @@ async def _rerank(
 
     (cc,) = await by_embedding(container, candidates, match_points, MATCH_BATCH, 1)
     if not by_log_odds:
-        return _best(candidates, cc, count)
+        return candidates.only(_best(candidates, cc, count))
     if not is_part(query.spin_images):
         described = max(count, math.ceil(len(cc) * DESCRIBED))
-        indices = _best_indices(candidates, coarse_log_odds(query, candidates.entries, cc), described)
+        indices = _best(candidates, coarse_log_odds(query, candidates.entries, cc), described)
         candidates, cc = candidates.only(indices), cc[indices]
     entries = candidates.entries
 
@@ -208,7 +208,7 @@ async def _rerank(
 
     indices = np.arange(len(cc))
     (log_odds,) = await _in_batches(container, compare_descriptors, indices, DESCRIPTOR_BATCH, 1)
-    return _best(candidates, log_odds, count)
+    return candidates.only(_best(candidates, log_odds, count))
 
 
 def _match(
@@ -257,25 +257,23 @@ async def _match_in_worker(
     return scores
 
 
-def _best(candidates: Candidates, scores: Floats, count: int) -> Candidates:
-    """Return the candidates of greatest score; deleted ones come last."""
-    return candidates.only(_best_indices(candidates, scores, count))
-
-
-def _best_indices(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
+def _best(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
+    """Return the indices of the candidates of greatest score; deleted ones come last."""
     return least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
 
 
 async def by_embedding(
     container: Container,
     candidates: Candidates,
-    score: Callable[[Ints], Floats],
+    score: Callable[[Ints], Any],
     length: int,
     kinds: int,
+    *,
+    on_threads: bool = True,
 ) -> Floats:
-    """Score c candidates on the threads that match, shape (kinds, c); a shared embedding is scored once."""
+    """Score c candidates as `_in_batches` does, shape (kinds, c); a shared embedding is scored once."""
     embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
-    scores = await _in_batches(container, score, embeddings, length, kinds)
+    scores = await _in_batches(container, score, embeddings, length, kinds, on_threads=on_threads)
     return scores[:, rows]
 
 

@@ -12,7 +12,7 @@ from core.io import write_mesh
 from core.parameters import DEFAULT, PAPER
 from service.cli.archives import reembed
 from service.duplicates import judging, repository, service
-from service.duplicates.groups import Judgement, Search
+from service.duplicates.groups import Search
 from service.duplicates.judging import ShapeJudge
 from service.errors import StorageFullError, WorkerCrashedError
 from service.shapes.reembedding import prune_others
@@ -153,7 +153,7 @@ def test_a_pair_judged_by_two_services_at_once_is_not_missed(
             with running.container.database.write() as session:
                 judged.extend(session.scalars(select(ShapeRow.number).where(ShapeRow.number != self.shape)))
                 search = Search(DEFAULT.fingerprint, variants=False)
-                repository.write(session, search, Judgement(judged[0], [], 0, 0))
+                repository.write(session, search, judged[0], [], compared=0, aligned=0)
 
     with running.container.database.read() as session:
         first, other = session.scalars(select(ShapeRow.number).order_by(ShapeRow.number))
