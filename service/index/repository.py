@@ -51,13 +51,18 @@ class IndexEntries:
     reliabilities: NDArray[np.float32]
 
     @property
+    def arrays(self) -> list[NDArray[Any]]:
+        """The arrays, in the order of the fields."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+    @property
     def nbytes(self) -> int:
         """Memory of the arrays, in bytes."""
-        return sum(getattr(self, part.name).nbytes for part in fields(self))
+        return sum(array.nbytes for array in self.arrays)
 
-    def only(self, places: NDArray[np.integer] | NDArray[np.bool_]) -> "IndexEntries":
-        """Return a copy of the entries at some indices, or of those that a mask selects."""
-        return IndexEntries(*(getattr(self, part.name)[places] for part in fields(self)))
+    def only(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> "IndexEntries":
+        """Return the entries at some indices, or those that a mask selects, as copies; or a slice of them."""
+        return IndexEntries(*(array[rows] for array in self.arrays))
 
 
 def revision(session: ReadSession) -> int:

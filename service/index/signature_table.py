@@ -1,8 +1,8 @@
 """The table of the signatures and coarse samples of all shapes, in memory, synchronised with the database."""
 
 import threading
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,6 @@ from service.observability.logging import get_logger
 from service.storage.database import ReadSession
 
 log = get_logger("search")
-
-_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 class SignatureTable:
@@ -67,7 +65,7 @@ class SignatureTable:
             return self._used()
 
     def _used(self) -> IndexEntries:
-        return IndexEntries(*(array[: self._length] for array in _arrays(self._allocated)))
+        return self._allocated.only(slice(self._length))
 
     def _drop(self, shapes: NDArray[np.int64]) -> None:
         """Remove shapes; the remaining entries are copied."""
@@ -89,44 +87,27 @@ class SignatureTable:
         start, end = self._length, self._length + len(added.shapes)
         added = _widened(added, self._allocated)
         if start == 0:
-            self._allocated = IndexEntries(*(array[:0] for array in _arrays(added)))
+            self._allocated = added.only(slice(0))
         if end > start:
             self._allocated = _widened(self._allocated, added)
             if end > len(self._allocated.shapes):
                 capacity = max(end + end // 4, expected + expected // 4)
-                self._allocated = IndexEntries(
-                    *(_enlarged(array, capacity) for array in _arrays(self._used()))
-                )
-            for array, more in zip(_arrays(self._allocated), _arrays(added), strict=True):
-                array[start:end] = more
+                used, arrays = self._used(), self._allocated.arrays
+                larger = [np.empty((capacity, *array.shape[1:]), array.dtype) for array in arrays]
+                self._allocated = IndexEntries(*larger)
+                for array, rows in zip(larger, used.arrays, strict=True):
+                    array[:start] = rows
+            for array, rows in zip(self._allocated.arrays, added.arrays, strict=True):
+                array[start:end] = rows
         self._length = end
 
 
-def _arrays(entries: IndexEntries) -> list[NDArray[Any]]:
-    """Return the arrays of the entries, in the order of the fields."""
-    return [getattr(entries, field.name) for field in fields(entries)]
-
-
 def _widened(entries: IndexEntries, others: IndexEntries) -> IndexEntries:
-    """Entries with rows of bytes at least as long as those of others; rows of no bytes have length 0."""
-    return replace(
-        entries,
-        coarse_samples=_padded(entries.coarse_samples, others.coarse_samples.shape[1]),
-        view_signatures=_padded(entries.view_signatures, others.view_signatures.shape[1]),
-    )
-
-
-def _padded(rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """Rows of at least `width` bytes, zeros at their ends."""
-    if rows.shape[1] >= width:
-        return rows
-    padded = np.zeros((len(rows), width), dtype=np.uint8)
-    padded[:, : rows.shape[1]] = rows
-    return padded
-
-
-def _enlarged(array: NDArray[_Scalar], length: int) -> NDArray[_Scalar]:
-    """Return a copy of the array with space for `length` rows."""
-    copy = np.empty((length, *array.shape[1:]), dtype=array.dtype)
-    copy[: len(array)] = array
-    return copy
+    """Return entries with rows of bytes at least as long as those of others, zeros at their ends."""
+    wider: dict[str, Any] = {}
+    for name in ("coarse_samples", "view_signatures"):
+        rows: NDArray[np.uint8] = getattr(entries, name)
+        lacking = getattr(others, name).shape[1] - rows.shape[1]
+        if lacking > 0:
+            wider[name] = np.pad(rows, ((0, 0), (0, lacking)))
+    return replace(entries, **wider)
