@@ -70,17 +70,7 @@ class _Snapshot:
 
 @dataclass(eq=False)
 class ShapeJudge:
-    """Judges one shape. Other shapes may be judged at the same time, also by other services.
-
-    Parameters
-    ----------
-    container : Container
-    active_pipeline : ActivePipeline
-    search : Search
-    collection : CollectionNumber
-    shape : int
-        The number of the shape.
-    """
+    """Judges one shape, by number. Other shapes may be judged at the same time, also by other services."""
 
     container: Container
     active_pipeline: ActivePipeline

@@ -160,20 +160,6 @@ async def search(
     results; tell the likeness of each. If the filter by size left nothing, tell of shapes larger or
     smaller by one of `FACTORS` (a unit mistake).
 
-    Parameters
-    ----------
-    container : Container
-    make_query : callable
-        Embeds the query by the active pipeline.
-    options : SearchOptions
-    shapes : ShapeFilter
-        The shapes that may be found.
-    timings : Timings
-        Receives the time of each stage.
-    active_pipeline : ActivePipeline
-    tell_units : bool
-        Whether to look for unit mistakes.
-
     Raises
     ------
     MeshError, ShapeNotFoundError, NotEmbeddedError

@@ -65,21 +65,9 @@ async def relation_of(
 ) -> Relation:
     """Return the relation of a second surface to a first one.
 
-    Surfaces are registered only if their eigenvalues and areas allow a copy. One that cannot be read, or is
-    deleted meanwhile, is no copy.
-
-    Parameters
-    ----------
-    container : Container
-    first : Surface
-    second : Surface or None
-        None if it cannot be a copy, or has no readable record.
-    parameters : Parameters
-    spectral : float
-        The distance of their log eigenvalues.
-    cc : float
-    probability : float
-        Their class probability.
+    Surfaces are registered only if the distance of their log eigenvalues (`spectral`) and their areas allow a
+    copy. A surface is no copy if it is None, cannot be read, or is deleted meanwhile. `probability` is their
+    class probability.
     """
     copy = None
     try:

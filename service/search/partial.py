@@ -33,18 +33,8 @@ async def nearest_wholes(
     Stages: describe the query as a part; rank all candidates by
     `core.descriptors.partial.part_distances`. Deleted and unreadable candidates are left out.
 
-    Parameters
-    ----------
-    container : Container
-    query : Query
-        Its mesh is read if its record does not describe it as a part.
-    reader : CandidateReader
-        Of this query.
-    candidates : Candidates
-    count : int
-        The number of candidates to return, the least distance first.
-    timings : Timings
-        Receives the time of each stage.
+    At most `count` candidates are returned, the least distance first. The mesh of the query is read if its
+    record does not describe it as a part.
     """
     with timings.stage("spin_images"):
         part = query.spin_images[KEYPOINTS:]

@@ -59,11 +59,6 @@ async def score_candidates(
 
     Parameters
     ----------
-    container : Container
-    query : Query
-    reader : CandidateReader
-        Of this query.
-    candidates : Candidates
     rank_by : RankBy
         The score that ranks the answer. Approximate CC stands for cc, ssd and sim in the earlier stages.
     top_k : int

@@ -36,15 +36,7 @@ def find_candidates(
     shapes or more are left, keep the nearest by signatures and by view signatures. If log odds rank the
     answer, more of both are looked for, and those of greatest approximate log odds stay.
 
-    Parameters
-    ----------
-    container : Container
-    query : Query
-    shapes : ShapeFilter
-    shortlist_from : int or None
-        None for all shapes that match.
-    by_log_odds : bool
-        Whether log odds rank the answer.
+    All shapes that match are candidates if `shortlist_from` is None.
     """
     index = signature_index(container, query.active_pipeline)
     length = container.settings.shortlist_length
@@ -71,17 +63,8 @@ def find_candidates(
 def coarse_log_odds(query: Query, entries: IndexEntries, cc: Floats | None = None) -> Floats:
     """Compute approximate log odds that a query and c shapes are of one class, from the index alone.
 
-    Parameters
-    ----------
-    query : Query
-    entries : IndexEntries
-        The c shapes.
-    cc : float64, shape (c,), optional
-        Approximate CC; typical ones for the spectral distances unless given.
-
-    Returns
-    -------
-    float64, shape (c,)
+    `cc` has the approximate CC of the shapes, shape (c,), as the result; CC typical of the spectral distances
+    is taken unless it is given.
     """
     descriptors = query.descriptors
     reliability = np.array([descriptors.reliability], dtype=np.float32)
