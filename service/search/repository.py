@@ -212,12 +212,17 @@ def _nearest(
         # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
         order = near.c.distance + literal(0.0, literal_execute=True)
         query = select(near.c.shape).order_by(order, near.c.shape).limit(count)
-        neighbours = session.scalars(query).all()
+        neighbours = _numbers(session, query)
         if len(neighbours) == count:
-            return np.array(neighbours, dtype=np.int64)
+            return neighbours
     # An expression without an index: PostgreSQL computes all distances.
     exact = _distances(fingerprint, search, shapes).order_by("distance", "shape").limit(count)
-    return np.array(session.scalars(exact).all(), dtype=np.int64)
+    return _numbers(session, exact)
+
+
+def _numbers(session: ReadSession, query: Select[*tuple[Any, ...]]) -> Ints:
+    """Return the first column of the rows of a query."""
+    return np.array(session.execute(query).scalars().all(), dtype=np.int64)
 
 
 def has_at_least(
