@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ class MemoryIndex:
     """The index of the signatures in memory."""
 
     table: SignatureTable
-    widening: int = 4
+    widening: ClassVar[int] = 4
 
     def select(
         self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
@@ -170,7 +170,7 @@ class PostgresIndex:
     """The index of the signatures in PostgreSQL; the service then needs none in memory."""
 
     fingerprint: str
-    widening: int = 1
+    widening: ClassVar[int] = 1
 
     def select(
         self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
