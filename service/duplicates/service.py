@@ -80,9 +80,7 @@ def _report(session: ReadSession, searches: Sequence[Search], wanted: DuplicateC
     records = {
         record.number: record
         for start in range(0, len(numbers), RECORDS_AT_ONCE)
-        for record in shapes_repository.records(
-            session, collection, numbers[start : start + RECORDS_AT_ONCE]
-        )
+        for record in shapes_repository.records(session, collection, numbers[start : start + RECORDS_AT_ONCE])
     }
     compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
     return DuplicatesAnswer(
