@@ -78,7 +78,9 @@ class Reembedding:
             async def take(waiting: Iterator[File], total: int) -> None:
                 nonlocal done
                 for file in waiting:
-                    result.made += await self._embed(file)
+                    # Others count while this one waits.
+                    made = await self._embed(file)
+                    result.made += made
                     done += 1
                     advance(done, total)
 
