@@ -236,7 +236,7 @@ def test_variants_have_all_copies_among_them(running: Running) -> None:
 def test_an_archive_that_cannot_be_written_to_has_its_pairs_read(
     running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object) -> None:
+    def full(*_: object, **_named: object) -> None:
         raise StorageFullError("the disk is full")
 
     for seed in (1, 2):
