@@ -90,7 +90,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         patch.setattr(module, task, nap_instead)
         with send(single, path, **body):
             wait_until(lambda: napping(pool), seconds=60)
-        wait_until(lambda: not work._inside, seconds=5)
+        wait_until(lambda: not work.inside, seconds=5)
         # The process has ten minutes for a task, and is replaced long before.
         wait_until(lambda: pool.pids() not in ([], before), seconds=60)
     wait_until(lambda: "the client went away" in caplog.messages, seconds=5)
@@ -120,7 +120,7 @@ def test_a_client_that_goes_away_is_compared_no_further(
         patch.setattr(scoring, "score_match_records", slowly)
         with send(single, "/query", json={"shape_id": first["id"]}):
             wait_until(lambda: compared, seconds=60)
-        wait_until(lambda: not single.container.queue._inside, seconds=5)
+        wait_until(lambda: not single.container.queue.inside, seconds=5)
         time.sleep(1.0)
         assert 0 < len(compared) < 8
     for number in numbers:
@@ -137,10 +137,10 @@ def test_a_client_that_goes_away_while_it_waits_leaves_the_queue(
             wait_until(lambda: napping(pool), seconds=60)
             for number in (3, 4):
                 with send(single, "/shapes", **file_form(small_file(number), "waits.off")):
-                    wait_until(lambda: work._inside == 2, seconds=10)
+                    wait_until(lambda: work.inside == 2, seconds=10)
                     assert_problem(query(single.client, small_file(0)), 503, "busy")
-                wait_until(lambda: work._inside == 1, seconds=5)
-    wait_until(lambda: not work._inside, seconds=5)
+                wait_until(lambda: work.inside == 1, seconds=5)
+    wait_until(lambda: not work.inside, seconds=5)
     assert upload(single.client, small_file(5), "after.off").status_code == 201
     assert "waits.off" not in names(single)
 
@@ -160,7 +160,7 @@ def test_a_write_that_has_begun_is_whole(single: Running, monkeypatch: pytest.Mo
         patch.setattr(shapes_service, "_store", slow)
         with send(single, "/shapes", **file_form(small_file(6), "whole.off")):
             assert begun.wait(60)
-        wait_until(lambda: not single.container.queue._inside, seconds=5)
+        wait_until(lambda: not single.container.queue.inside, seconds=5)
         go_on.set()
         assert done.wait(60)
     (shape,) = single.client.get("/shapes", params={"name": "whole.off"}).json()["shapes"]
@@ -175,7 +175,7 @@ def test_a_service_that_is_asked_to_stop_finishes_what_it_has(tmp_path: Path) ->
         sent = [
             others.submit(upload, running.client, small_file(number), f"{number}.off") for number in range(6)
         ]
-        wait_until(lambda: running.container.queue._inside == 6, seconds=60)
+        wait_until(lambda: running.container.queue.inside == 6, seconds=60)
         assert not held.done()
         running.server.should_exit = True
         wait_until(lambda: not running.server.servers[0].is_serving(), seconds=10)
@@ -199,7 +199,7 @@ def test_a_service_that_is_asked_to_stop_refuses_what_it_cannot_finish(
             others.submit(query, running.client, small_file(1)),
         ]
         wait_until(
-            lambda: running.container.queue._inside == 2 and napping(running.container.pool), seconds=60
+            lambda: running.container.queue.inside == 2 and napping(running.container.pool), seconds=60
         )
         running.server.should_exit = True
         for each in sent:

@@ -76,7 +76,7 @@ def test_a_full_disk_leaves_what_was_there(archive: Path, target: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 
     done = subprocess.run(
-        [sys.executable, "-P", "-m", "service.cli", "backup", target, "--force"],
+        [sys.executable, "-B", "-P", "-m", "service.cli", "backup", target, "--force"],
         env={"ISOSHAPE_DATABASE_URL": f"sqlite:///{archive}"},
         preexec_fn=limit,
         capture_output=True,
