@@ -4,12 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from core.descriptors.registry import descriptors_of
 from core.embedding import Scores
 from core.ranking.local_density import densities_in, density_sample
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
+from service.storage.tables import ShapeRow
 from tests.service.engines import either_engine
 from tests.service.support import Running, pipeline_in_use, query, small_file
 
@@ -157,10 +159,13 @@ def test_combined_is_the_pipelines_and_the_same_in_every_answer(stocked: Running
     with stocked.container.database.read() as session:
         entries = stocked.container.pipelines.current(session).index.current(session)
         records = embedding_records(session, entries.embeddings.tolist())
+        ids = dict(session.execute(select(ShapeRow.number, ShapeRow.id)).all())
+    # The index is in no order that a client sees.
     embeddings = {
-        shape["id"]: embedding_from_bytes(records[int(number)])
-        for shape, number in zip(shapes, entries.embeddings, strict=True)
+        ids[shape]: embedding_from_bytes(records[embedding])
+        for shape, embedding in zip(entries.shapes.tolist(), entries.embeddings.tolist(), strict=True)
     }
+    assert set(embeddings) == set(stored.values())
     bird = stored["bird-first.off"]
     body = {"shape_id": bird, "top_k": 100, "exclude_self": False, "rank_by": "combined"}
     results = stocked.client.post("/query", json=body).json()["results"]
