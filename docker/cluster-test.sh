@@ -69,12 +69,15 @@ for role in "${!addresses[@]}"; do
 done
 echo 'nameserver 127.0.0.11' >"$work/resolv.conf"
 
+# A new volume takes what the image has there: its owner.
+install -d -o 10001 -g 10001 "$work/jobs"
+
 # start ROLE SERVICE IMAGE ROOT: a container, and the wait until its health check says that it is well.
 start() {
     local role=$1 service=$2 began=$SECONDS health
     mkdir -p "$work/$role"
     "$python" docker/test/bundle.py $compose "$service" "$work/$3.json" "$4" "$work/$role" \
-        --network "/run/netns/$name-$role" --resolver "$work/resolv.conf"
+        --network "/run/netns/$name-$role" --resolver "$work/resolv.conf" --volume "jobs=$work/jobs"
     runtime run --bundle "$work/$role" --pid-file "$work/$role.pid" "$name-$role" \
         </dev/null >>"$work/$role.log" 2>&1 9>&- &
     started[$role]=$!
@@ -94,7 +97,8 @@ client() { outside "$python" docker/test/client.py "$@"; }
 status() { outside curl --silent --output /dev/null --write-out '%{http_code}' --max-time 10 "$@"; }
 
 say '== the containers'
-if "$python" docker/test/bundle.py $compose isoshape "$work/isoshape.json" "$root" "$work" 2>"$work/refused"; then
+if "$python" docker/test/bundle.py $compose isoshape "$work/isoshape.json" "$root" "$work" --volume "jobs=$work/jobs" \
+    2>"$work/refused"; then
     fail 'the compose file asks for no password'
 fi
 grep -q 'POSTGRES_PASSWORD: ' "$work/refused" || fail "the compose file was refused for another reason: $(<"$work/refused")"
