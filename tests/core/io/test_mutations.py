@@ -73,7 +73,7 @@ class TestEverySeed:
     def test_is_sound(self, seed):
         read_mesh(*SEEDS[seed], limits=LIMITS)
 
-    @settings(max_examples=20, derandomize=True, deadline=None)
+    @settings(max_examples=40, derandomize=True, deadline=None)
     @given(data=st.data())
     def test_cut(self, seed, data):
         sound, format = SEEDS[seed]
@@ -81,7 +81,7 @@ class TestEverySeed:
         end = data.draw(st.integers(start, len(sound)))
         is_mesh_or_mesh_error(sound[start:end], format)
 
-    @settings(max_examples=60, derandomize=True, deadline=None)
+    @settings(max_examples=120, derandomize=True, deadline=None)
     @given(data=st.data())
     def test_changed(self, seed, data):
         sound, format = SEEDS[seed]
@@ -99,7 +99,7 @@ class TestEverySeed:
         is_mesh_or_mesh_error(SEEDS[seed][0], format)
 
 
-@settings(max_examples=150, derandomize=True, deadline=None)
+@settings(max_examples=300, derandomize=True, deadline=None)
 @given(data=st.binary(max_size=300), format=st.sampled_from(PLAIN))
 def test_any_bytes(data, format):
     is_mesh_or_mesh_error(data, format)
