@@ -45,6 +45,14 @@ def compiled_sum(function: Callable[P, R]) -> Callable[P, R]:
     return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath={"reassoc", "nsz"})(function))
 
 
+def compiled_fused(function: Callable[P, R]) -> Callable[P, R]:
+    """As `compiled`, with products and sums fused: on processors with FMA each rounds once.
+
+    The function must not call another compiled one: see `FINITE`.
+    """
+    return cast("Callable[P, R]", njit(cache=True, nogil=True, fastmath={"contract"})(function))
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """As `compiled`, for finite floats, for the functions of `core.matching.kernels`, which call one another.
 
