@@ -1,4 +1,7 @@
-"""The report of a query as one HTML page, without scripts and external files, with pictures from previews."""
+"""The report of a query as one HTML page, without scripts and external files, with pictures from previews.
+
+The page is the template `report.html`; every value is escaped before it is put in.
+"""
 
 import json
 import struct
@@ -7,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from html import escape
+from importlib.resources import files
 from string import Template
 
 import numpy as np
@@ -20,67 +24,6 @@ from service.rendering.thumbnail import draw, draw_painted, upright
 from service.search.schemas import CC_OF_PAIRS, Pair, QueryAnswer, Result, likeness_in_words, score_in_words
 from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 from service.system.schemas import Version
-
-STYLE = """\
-:root {
-  color-scheme: light dark;
-  --ground: #ffffff; --text: #1d232b; --quiet: #56606c; --line: #d5dbe2; --panel: #f3f5f8;
-}
-@media (prefers-color-scheme: dark) {
-  :root { --ground: #14181d; --text: #e6eaef; --quiet: #a3adb8; --line: #37404a; --panel: #1e242b; }
-}
-body { margin: 0; background: var(--ground); color: var(--text); font: 16px/1.5 system-ui, sans-serif; }
-main { max-width: 46rem; margin: 0 auto; padding: 1rem 1rem 4rem; }
-h1, h2, td, figcaption { overflow-wrap: anywhere; }
-h1 { font-size: 1.6rem; }
-h2 { font-size: 1.2rem; margin-top: 2.5rem; }
-section { break-inside: avoid; }
-figure { margin: 1rem 0; padding: 0.5rem; background: var(--panel); border-radius: 0.5rem; }
-figure img { max-width: 100%; height: auto; }
-.pair { display: flex; flex-wrap: wrap; justify-content: space-around; }
-.pair img { flex: 0 1 16rem; min-width: 8rem; }
-.pair figcaption { flex-basis: 100%; }
-figcaption, caption { color: var(--quiet); font-size: 0.9rem; text-align: left; }
-table { border-collapse: collapse; width: 100%; margin: 1rem 0; }
-th, td { border-top: 1px solid var(--line); padding: 0.25rem 0.75rem 0.25rem 0; }
-th, td { text-align: left; vertical-align: top; }
-th { font-weight: 600; width: 12rem; }
-.numbers td { font-variant-numeric: tabular-nums; }
-dt { font-weight: 600; }
-dd { margin: 0 0 0.75rem; }
-"""
-"""The style of a report: dark or light, by the setting of the reader's system."""
-
-PAGE = Template("""\
-<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
-  content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>$title</title>
-<style>
-$style</style>
-</head>
-<body>
-<main>
-<h1>$title</h1>
-$summary
-<figure>$picture
-<figcaption>The query, $query</figcaption></figure>
-$results
-<h2>The scores</h2>
-<dl>
-$scores
-</dl>
-<h2>The query</h2>
-$asked
-</main>
-</body>
-</html>
-""")
-"""The page; every value is escaped before it is put in."""
 
 SCORES = {
     "CC": "The correlation of the matched points’ spectral coordinates: 1 for the same shape in any pose. "
@@ -177,9 +120,9 @@ def page(report: MatchReport) -> str:
         "pipeline": f"{version.pipeline}, {answer.pipeline}",
         "service": f"{version.service} {version.version}, method {version.method}",
     }
-    return PAGE.substitute(
+    template = Template(files("service").joinpath("report.html").read_text(encoding="utf-8"))
+    return template.substitute(
         title=f"Most similar to {name}",
-        style=STYLE,
         summary="\n".join(f"<p>{escape(line)}</p>" for line in _summary(answer)),
         picture=_picture(report.picture, "The query"),
         query=name,

@@ -50,223 +50,57 @@ class Settings(BaseSettings):
         env_prefix=PREFIX, extra="forbid", frozen=True, hide_input_in_errors=True
     )
 
-    database_url: str = Field(
-        default="sqlite:///isoshape-data/isoshape.sqlite3",
-        description="The database of the archive, as an SQLAlchemy URL. sqlite:/// and a path name an "
-        "SQLite file (three slashes begin a relative path, four an absolute one) on a local "
-        "disk; a missing folder is created. "
-        "postgresql+psycopg://user:password@host/database names a PostgreSQL database.",
-    )
-    pipeline: str = Field(
-        default="default",
-        description="The parameters of the method: default, paper, or the path of a JSON file of "
-        "parameters. An archive with shapes keeps the parameters of its embeddings until "
-        "`isoshape reembed` has run.",
-    )
-    host: str = Field(
-        default="127.0.0.1",
-        description="The address that `isoshape serve` listens on: 0.0.0.0 in a container, or to serve "
-        "a network.",
-    )
-    port: int = Field(
-        default=8000,
-        ge=0,
-        le=65535,
-        description="The port that `isoshape serve` listens on; 0 chooses a free port.",
-    )
-    hosts: Annotated[tuple[str, ...], NoDecode] = Field(
-        default=(),
-        description="Names under which the service answers, separated by commas, without ports, besides "
-        "localhost, loopback addresses and `ISOSHAPE_HOST`. A request with another Host is "
-        "answered 421: without keys always, with keys if this is set.",
-    )
-    api_keys: Digests = Field(
-        default=(),
-        description="SHA-256 digests of the keys with full access, separated by commas; "
-        "digest:name+name limits a key to the collections named. `isoshape key` prints both "
-        "forms. When any key is set, here or below, a request without a key is answered "
-        "401. A service that others can reach needs one.",
-    )
-    read_keys: Digests = Field(
-        default=(),
-        description="SHA-256 digests of the keys that may read, query and compare, in the same form. A "
-        "request that would change something is answered 403.",
-    )
-    rate_limit: int = Field(
-        default=1_200,
-        ge=0,
-        description="Requests that a key may make in one burst, and per minute after it; the next is "
-        "answered 429 with Retry-After. 0 is no limit.",
-    )
-    log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info",
-        description="The lowest severity of the messages that are logged: debug (also the health "
-        "probes), info, warning or error.",
-    )
-    workers: PositiveInt = Field(
-        default_factory=_processors,
-        description="Worker processes that embed and compare meshes, one thread each, each paired with "
-        "a process that reads uploads. The default is one per processor.",
-    )
-    scheduler: str = Field(
-        default="",
-        description="The address of a Dask scheduler, as tcp://host:8786, whose workers embed meshes "
-        "and draw pictures in place of local ones. `ISOSHAPE_WORKERS` is then the number of "
-        "tasks that the service submits at a time.",
-    )
-    queue_length: int = Field(
-        default=32,
-        ge=0,
-        description="Requests that may wait for a worker, besides those that have one; the next is "
-        "answered 503 with Retry-After. Each waiting upload holds its file in memory and in "
-        "the temporary folder.",
-    )
-    receive_seconds: Seconds = Field(
-        default=20.0,
-        description="The longest wait for the next bytes of a request's body; the request is then "
-        "answered 408. In each further such period 64 KiB must arrive.",
-    )
-    task_seconds: Seconds = Field(
-        default=120.0,
-        description="The time limit of one task in a worker. A worker that exceeds it is replaced; its "
-        "file is refused with 422, its comparison with 503.",
-    )
-    read_seconds: Seconds = Field(
-        default=30.0,
-        description="The limit of processor time for reading one file; a file that needs more is "
-        "refused with 422.",
-    )
-    read_memory_bytes: int = Field(
-        default=3 * 1024**3,
-        ge=1024**3,
-        description="The limit of the address space of a process that reads uploads (Linux), at least 1 "
-        "GiB. Reading a file may need twenty times its size; a file that needs more is "
-        "refused with 422.",
-    )
-    shutdown_seconds: PositiveInt = Field(
-        default=10,
-        description="How long `isoshape serve` finishes running and waiting requests after it is told "
-        "to stop; the rest are answered 503. Keep it below `stop_grace_period` of "
-        "docker/compose.yaml.",
-    )
-    lock_seconds: Seconds = Field(
-        default=10.0,
-        description="The longest wait for the lock of the database; the answer is then 503 with Retry-After.",
-    )
-    max_upload_bytes: PositiveInt = Field(
-        default=128 * 1024 * 1024,
-        description="The largest file that may be uploaded; larger ones are answered 413. A worker may "
-        "need twenty times the size of a file.",
-    )
-    job_folder: str = Field(
-        default="",
-        description="The folder of the archives of unfinished bulk jobs; a missing folder is created. The "
-        "default is a folder beside the SQLite file, or isoshape-data/jobs with PostgreSQL. Services that "
-        "share a PostgreSQL database need one folder that all of them reach.",
-    )
-    max_archive_bytes: PositiveInt = Field(
-        default=512 * 1024 * 1024,
-        description="The largest archive that a bulk job accepts; larger ones are answered 413. The "
-        "temporary folder may hold two archives of each key at a time.",
-    )
-    max_archive_files: PositiveInt = Field(
-        default=10_000,
-        description="The largest number of members of an archive, folders included. A job with more "
-        "fails and stores nothing.",
-    )
-    max_unpacked_bytes: PositiveInt = Field(
-        default=4 * 1024**3,
-        description="The largest total size of an unpacked archive. A job with more fails and stores "
-        "nothing.",
-    )
-    max_unpacked_ratio: float = Field(
-        default=200.0,
-        gt=1,
-        allow_inf_nan=False,
-        description="The largest ratio of unpacked size to packed size of a member of an archive, from "
-        "1 MiB of unpacked data on. Meshes are seldom compressed to less than "
-        "a thirtieth.",
-    )
-    max_jobs: PositiveInt = Field(
-        default=16,
-        description="The most unfinished bulk jobs; the next archive is answered 503 with Retry-After.",
-    )
-    job_days: float = Field(
-        default=7.0,
-        gt=0,
-        le=3660,
-        allow_inf_nan=False,
-        description="How long the service keeps the record of a finished bulk job and the outcome of "
-        "each of its files.",
-    )
-    undo_days: float = Field(
-        default=7.0,
-        ge=0,
-        le=3660,
-        allow_inf_nan=False,
-        description="How many days a deleted shape can be restored; with 0 it is erased at once. Until "
-        "then its file occupies space in the database.",
-    )
-    duplicates_in_background: bool = Field(
-        default=True,
-        description="Whether the service searches for near-identical shapes while it is idle. With "
-        "false, or with `ISOSHAPE_SIGNATURES=database`, only `GET /duplicates` and "
-        "`isoshape duplicates` search.",
-    )
-    max_vertices: PositiveInt = Field(
-        default=DEFAULT_LIMITS.vertices,
-        description="The largest number of vertices of a mesh; larger ones are answered 422.",
-    )
-    max_faces: PositiveInt = Field(
-        default=DEFAULT_LIMITS.faces,
-        description="The largest number of faces of a mesh; larger ones are answered 422.",
-    )
-    max_parts: PositiveInt = Field(
-        default=DEFAULT_LIMITS.parts,
-        description="The largest number of parts in a file (solids of an STL, groups of an OBJ, "
-        "instances of a GLB or of a 3MF's objects, parts of a STEP); more are answered 422.",
-    )
-    max_distinct_parts: PositiveInt = Field(
-        default=DEFAULT_LIMITS.distinct_parts,
-        description="The largest number of different parts of an assembly that is uploaded with "
-        "split=parts; more are answered 422.",
-    )
-    shortlist_from: PositiveInt = Field(
-        default=2_000,
-        description="With at least this many candidates, a query compares only a shortlist. With fewer, "
-        "or with exhaustive=true, it compares all candidates.",
-    )
-    shortlist_length: PositiveInt = Field(
-        default=1_000,
-        description="How many candidates of the shortlist are the nearest by signature; the nearest by "
-        "view signature, half as many, join them. Coarse ranking orders them.",
-    )
-    reranked: PositiveInt = Field(
-        default=300,
-        description="How many shapes of the shortlist, the best of coarse ranking, are re-ranked: "
-        "matched without splines of the candidates. Twice as many for rank_by=combined and "
-        "a query that looks incomplete.",
-    )
-    finalists: PositiveInt = Field(
-        default=16,
-        description="How many re-ranked shapes, the best ones, are compared in full besides the number "
-        "of answers requested.",
-    )
-    search_bytes: int = Field(
-        default=1280 * 1024**2,
-        ge=0,
-        description="Memory for search: about 1,060 bytes for each shape (signatures, view signatures, "
-        "coarse samples), and, in the rest but at least a quarter, caches of points, about "
-        "12 kB each, and of match records, about 100 kB each. Higher, where more than "
-        "10,000 shapes are searched exhaustively.",
-    )
+    # Storage, the method, and the address that the service listens on.
+    database_url: str = "sqlite:///isoshape-data/isoshape.sqlite3"
+    pipeline: str = "default"
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    hosts: Annotated[tuple[str, ...], NoDecode] = ()
 
-    signatures: Literal["memory", "database"] = Field(
-        default="memory",
-        description="Where the nearest signatures are found: in the memory of the service or, on "
-        "PostgreSQL, by the database, with an HNSW index, which takes no memory of the "
-        "service.",
-    )
+    # Access.
+    api_keys: Digests = ()
+    read_keys: Digests = ()
+    rate_limit: int = Field(default=1_200, ge=0)
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    # Workers, and the time and memory of a request.
+    workers: PositiveInt = Field(default_factory=_processors)
+    scheduler: str = ""
+    queue_length: int = Field(default=32, ge=0)
+    receive_seconds: Seconds = 20.0
+    task_seconds: Seconds = 120.0
+    read_seconds: Seconds = 30.0
+    read_memory_bytes: int = Field(default=3 * 1024**3, ge=1024**3)
+    shutdown_seconds: PositiveInt = 10
+    lock_seconds: Seconds = 10.0
+    max_upload_bytes: PositiveInt = 128 * 1024**2
+
+    # Bulk jobs.
+    job_folder: str = ""
+    max_archive_bytes: PositiveInt = 512 * 1024**2
+    max_archive_files: PositiveInt = 10_000
+    max_unpacked_bytes: PositiveInt = 4 * 1024**3
+    max_unpacked_ratio: float = Field(default=200.0, gt=1, allow_inf_nan=False)
+    max_jobs: PositiveInt = 16
+    job_days: float = Field(default=7.0, gt=0, le=3660, allow_inf_nan=False)
+
+    # Deleted and near-identical shapes.
+    undo_days: float = Field(default=7.0, ge=0, le=3660, allow_inf_nan=False)
+    duplicates_in_background: bool = True
+
+    # Limits of a mesh file.
+    max_vertices: PositiveInt = DEFAULT_LIMITS.vertices
+    max_faces: PositiveInt = DEFAULT_LIMITS.faces
+    max_parts: PositiveInt = DEFAULT_LIMITS.parts
+    max_distinct_parts: PositiveInt = DEFAULT_LIMITS.distinct_parts
+
+    # Search.
+    shortlist_from: PositiveInt = 2_000
+    shortlist_length: PositiveInt = 1_000
+    reranked: PositiveInt = 300
+    finalists: PositiveInt = 16
+    search_bytes: int = Field(default=1280 * 1024**2, ge=0)
+    signatures: Literal["memory", "database"] = "memory"
 
     @field_validator("database_url")
     @classmethod

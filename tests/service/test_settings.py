@@ -34,21 +34,15 @@ def no_settings(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def table() -> str:
-    """Return the table of docs/settings.md: a row for each setting, as `Settings` describes it."""
-    rows = []
-    for name, field in Settings.model_fields.items():
+def test_the_document_has_each_setting_with_its_default_and_meaning() -> None:
+    rows = re.findall(r"(?m)^\| `(\w+)` \| (.*?) \| (.+) \|$", DOCUMENT.read_text(encoding="utf-8"))
+    assert [name for name, _, _ in rows] == [PREFIX + name.upper() for name in Settings.model_fields]
+    for (name, shown, meaning), field in zip(rows, Settings.model_fields.values(), strict=True):
         default = "one per processor" if field.default_factory else field.default
         default = str(default).lower() if isinstance(default, bool) else default
-        shown = f"{default:g}" if isinstance(default, float) else str(default or "")
-        assert field.description, name
-        rows.append(f"| `{PREFIX}{name.upper()}` | {f'`{shown}`' if shown else ''} | {field.description} |")
-    return "\n".join(["| variable | default | meaning |", "|---|---|---|", *rows]) + "\n"
-
-
-def test_the_document_has_the_settings() -> None:
-    """`python -m tests.service.test_settings` writes the table again."""
-    assert table() in DOCUMENT.read_text(encoding="utf-8")
+        default = f"{default:g}" if isinstance(default, float) else str(default or "")
+        assert shown == (f"`{default}`" if default else ""), name
+        assert meaning.endswith("."), name
 
 
 def test_the_document_names_no_variable_that_is_not_known() -> None:
@@ -246,8 +240,3 @@ def test_the_compose_file_of_a_cluster_fits_together(monkeypatch: pytest.MonkeyP
         assert services[name]["read_only"]
         assert services[name]["cap_drop"] == ["ALL"]
     assert "ports" not in {key for name in services if name != "proxy" for key in services[name]}
-
-
-if __name__ == "__main__":
-    page = DOCUMENT.read_text(encoding="utf-8")
-    DOCUMENT.write_text(re.sub(r"(?m)(^\|.*\n)+", lambda _: table(), page, count=1), encoding="utf-8")

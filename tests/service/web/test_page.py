@@ -63,7 +63,9 @@ def test_no_script_or_style_is_written_into_a_page(page: str) -> None:
 
 def test_the_wheel_has_every_file_that_is_sent() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    patterns = project["tool"]["setuptools"]["package-data"]["service.web"]
+    data = project["tool"]["setuptools"]["package-data"]
+    assert [(ROOT / "service" / name).is_file() for name in data["service"]] == [True]
+    patterns = data["service.web"]
     for name in assets.names():
         depth = name.count("/") + 2
         assert any(fnmatch(f"static/{name}", p) for p in patterns if p.count("/") + 1 == depth), name
