@@ -1,10 +1,9 @@
 """What benchmarks share: meshes of the sizes wanted, repeated measurements, and rows as text."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import floor, log10
 from pathlib import Path
-from typing import Any
 
 import fast_simplification
 import numpy as np
@@ -107,17 +106,8 @@ def digits(value: float) -> str:
     return f"{value:,.{min(max(0, places), 6)}f}"
 
 
-def text_of(row: Any) -> list[str]:  # noqa: ANN401  a dataclass
-    """Return a row of a benchmark, a dataclass, as the cells of a table."""
-    return [_cell(getattr(row, field.name)) for field in fields(row)]
-
-
-def headings_of(row: Any) -> list[str]:  # noqa: ANN401  a dataclass
-    """Return the headings above `text_of`."""
-    return [field.name.replace("_", " ") for field in fields(row)]
-
-
-def _cell(value: object) -> str:
+def cell_of(value: object) -> str:
+    """Return a value of a benchmark as the cell of a table."""
     match value:
         case None:
             return "all"
@@ -128,6 +118,6 @@ def _cell(value: object) -> str:
         case int():
             return f"{value:,}"
         case dict():
-            return ", ".join(f"{name} {_cell(part)}" for name, part in value.items())
+            return ", ".join(f"{name} {cell_of(part)}" for name, part in value.items())
         case _:
             return str(value)

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -37,67 +37,17 @@ MANY = 64
 """Shapes that one is matched with in one call: the second of the pair, each with other noise."""
 
 
-@dataclass(frozen=True)
-class EmbeddingRow:
-    """The time from the bytes of a binary PLY to the embedding of one mesh."""
-
-    mesh: str
-    vertices: int
-    milliseconds: Spread
-
-
-@dataclass(frozen=True)
-class GrowthRow:
-    """The cost of one size in one format.
-
-    The seconds are from bytes to embedding, the peak is that of the process's memory, libraries included.
-    """
-
-    vertices: int
-    faces: int
-    file_bytes: int
-    format: str
-    seconds: Spread
-    peak_bytes: int
-
-
-@dataclass(frozen=True)
-class MatchRow:
-    """Milliseconds of one pair of meshes, both ways in every embedding, to CC, SSD and sim.
-
-    Attributes
-    ----------
-    first, second : str
-    one_of_many, reranking, coarse_ranking : Spread
-        One of `MANY` in a query: the match, re-ranking and coarse ranking.
-    score : Spread
-        One match by `Pipeline.score`, which hashes both embeddings to look up its caches.
-    decode, pack, match : Spread
-        From the bytes of two stored embeddings to the scores, without any cache: their embeddings, their
-        match records, and the match.
-    """
-
-    first: str
-    second: str
-    one_of_many: Spread
-    reranking: Spread
-    coarse_ranking: Spread
-    score: Spread
-    decode: Spread
-    pack: Spread
-    match: Spread
-
-
 def embedding_rows(
     source: Source, *, vertices: int = EMBEDDED, meshes: int = MESHES, repeats: int = EMBEDDINGS
-) -> list[EmbeddingRow]:
-    """Measure meshes of about a number of vertices, each after one warm-up."""
+) -> list[dict[str, Any]]:
+    """Measure from the bytes of a binary PLY to the embedding, for meshes of about so many vertices."""
     method = Pipeline(DEFAULT)
     rows = []
     for name, mesh in source.nearest(vertices, meshes):
         data = write_mesh(mesh, "ply")
-        times = [1e3 * embedding_seconds(method, data, "ply") for _ in range(repeats + 1)]
-        rows.append(EmbeddingRow(name, len(mesh.vertices), Spread.of(times[1:])))
+        # The first measurement is a warm-up.
+        times = [1e3 * embedding_seconds(method, data, "ply") for _ in range(repeats + 1)][1:]
+        rows.append({"mesh": name, "vertices": len(mesh.vertices), "milliseconds": Spread.of(times)})
     return rows
 
 
@@ -108,8 +58,11 @@ def embedding_seconds(method: Pipeline, data: bytes, format: str) -> float:
 
 def growth_rows(
     source: Source, scratch: Path, *, sizes: Sequence[int] = SIZES, runs: int = RUNS
-) -> list[GrowthRow]:
-    """Measure one mesh at each size as PLY, and the largest in every format, each in a new process."""
+) -> list[dict[str, Any]]:
+    """Measure one mesh at each size as PLY, and the largest in every format, each in a new process.
+
+    The seconds are from bytes to embedding, the peak is that of the process's memory, libraries included.
+    """
     _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
     rows = []
     for size in sizes:
@@ -119,18 +72,18 @@ def growth_rows(
             path.write_bytes(write_mesh(scaled, format))
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 seconds, peak = pool.submit(measure_file, str(path), runs).result()
-            size_of_file = path.stat().st_size
+            row = {"vertices": len(scaled.vertices), "faces": len(scaled.faces)}
+            row |= {"file_bytes": path.stat().st_size, "format": format}
+            rows.append(row | {"seconds": Spread.of(seconds), "peak_bytes": peak})
             path.unlink()
-            counts = len(scaled.vertices), len(scaled.faces), size_of_file
-            rows.append(GrowthRow(*counts, format, Spread.of(seconds), peak))
     return rows
 
 
-def growth_exponents(rows: Sequence[GrowthRow]) -> tuple[float, float]:
+def growth_exponents(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
     """Return the exponents of seconds and of peak memory as powers of the vertices, over PLY files."""
-    shown = [row for row in rows if row.format == FORMATS[0]]
-    sizes = [row.vertices for row in shown]
-    seconds, memory = [row.seconds.median for row in shown], [row.peak_bytes for row in shown]
+    shown = [row for row in rows if row["format"] == FORMATS[0]]
+    sizes = [row["vertices"] for row in shown]
+    seconds, memory = [row["seconds"].median for row in shown], [row["peak_bytes"] for row in shown]
     return growth_exponent(sizes, seconds), growth_exponent(sizes, memory)
 
 
@@ -152,8 +105,8 @@ def peak_memory() -> int:
 
 def matching_rows(
     source: Source, *, vertices: int = MATCHED, pairs: int = PAIRS, repeats: int = MATCHES
-) -> list[MatchRow]:
-    """Measure neighbours of the `chain`; the first fifth of the measurements is a warm-up.
+) -> list[dict[str, Any]]:
+    """Measure `match_steps` of neighbours of the `chain`; the first fifth of the measurements is a warm-up.
 
     A source without two meshes of a class gives no row.
     """
@@ -163,13 +116,19 @@ def matching_rows(
         for (first, mesh), (second, other) in pairwise(chain(source, vertices, pairs + 1)):
             steps = match_steps(method.embed(mesh), method.embed(other), method)
             times = [[step() for step in steps.values()] for _ in range(repeats + repeats // 5 + 1)]
-            milliseconds = 1e3 * np.array(times[-repeats:])
-            rows.append(MatchRow(first, second, *map(Spread.of, milliseconds.T.tolist())))
+            spreads = map(Spread.of, (1e3 * np.array(times[-repeats:])).T.tolist())
+            rows.append({"first": first, "second": second, **dict(zip(steps, spreads, strict=True))})
     return rows
 
 
 def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dict[str, Callable[[], float]]:
-    """Return functions that run the steps of `MatchRow` and return their seconds."""
+    """Return functions that run steps of matching, both ways in every embedding, and return their seconds.
+
+    One of `MANY` in a query: the match `one_of_many`, `reranking` and `coarse_ranking`. One match by
+    `Pipeline.score`, which hashes both embeddings to look up its caches: `score`. From the bytes of two
+    stored embeddings to CC, SSD and sim without any cache: `decode`, `pack` (their match records) and
+    `match`.
+    """
     copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
     packed = match_record(query, DEFAULT)
     candidates = [match_record(copy, DEFAULT) for copy in copies]

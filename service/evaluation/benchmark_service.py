@@ -3,9 +3,10 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean, median
 from time import perf_counter, sleep
+from typing import Any
 
 import numpy as np
 
@@ -49,81 +50,15 @@ TURNS = 3
 """Measurements of a folder stored."""
 
 
-@dataclass(frozen=True)
-class SearchRow:
-    """Query times of one archive.
-
-    If `exhaustive`, queries asked for a comparison with every shape; the last compared `compared` shapes in
-    full. `start_s` is from the start of the process until it is ready, `first_ms` of the first query,
-    `median_ms` and `p95_ms` of the others, `stages_ms` the medians of the stages as the service reports them,
-    and `memory_mib` of its main process at the end.
-    """
-
-    shapes: int
-    exhaustive: bool
-    compared: int
-    queries: int
-    start_s: float
-    first_ms: float
-    median_ms: float
-    p95_ms: float
-    stages_ms: dict[str, float]
-    memory_mib: float
-
-
-@dataclass(frozen=True)
-class CascadeRow:
-    """The stages of a search against exhaustive search of one archive.
-
-    Attributes
-    ----------
-    ranked_by : str
-        The score that ranks the answers.
-    shapes, queries : int
-        Queries are originals; the answers exclude their copies.
-    shortlist, reranked, in_full : int or None
-        Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results; None is
-        all.
-    same_first : float
-        Share of queries with the same first result as exhaustive search.
-    first_of_class, ten_of_class : float
-        Share of first results, and of the first ten, of the query's class.
-    median_ms : float
-    """
-
-    ranked_by: str
-    shapes: int
-    queries: int
-    shortlist: int | None
-    reranked: int | None
-    in_full: int | None
-    same_first: float
-    first_of_class: float
-    ten_of_class: float
-    median_ms: float
-
-
-@dataclass(frozen=True)
-class IngestRow:
-    """The upload of all meshes of the source to an empty archive.
-
-    The service, its workers and the client share so many processors.
-    """
-
-    processors: int
-    shapes: int
-    shapes_a_second: Spread
-
-
 def searching_rows(
     source: Sequence[Original], scratch: Path, *, sizes: Sequence[int] = SIZES, queries: int = QUERIES
-) -> tuple[list[SearchRow], list[CascadeRow]]:
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Fill an archive of each size and query it by the ids of shapes spread over it.
 
     The stages are compared with exhaustive search on the largest archive searched exhaustively.
     """
-    rows: list[SearchRow] = []
-    cascades: list[CascadeRow] = []
+    rows: list[dict[str, Any]] = []
+    cascades: list[dict[str, Any]] = []
     checked = max((size for size in sizes if size <= EXHAUSTIVE), default=0)
     for size in sizes:
         path = scratch / f"{size}.sqlite3"
@@ -146,18 +81,19 @@ def cascade_rows(
     rank_by: RankBy = "cc",
     queries: int = CHECKED,
     lengths: Sequence[tuple[int, int, int]] = LENGTHS,
-) -> list[CascadeRow]:
-    """Measure each choice of stage lengths against exhaustive search, which is the last row."""
+) -> list[dict[str, Any]]:
+    """Measure each choice of stage lengths against exhaustive search, which is the last row.
+
+    Queries are originals; the answers exclude their copies. A length of None is all shapes. `same_first` is
+    the share of queries with the same first result as exhaustive search, `first_of_class` and `ten_of_class`
+    the share of first results, and of the first ten, of the query's class.
+    """
     asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
     measured: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
         shortlist, reranked, finalists = length or (size, size, size)
-        settings = {
-            "shortlist_from": 1,
-            "shortlist_length": shortlist,
-            "reranked": reranked,
-            "finalists": finalists,
-        }
+        settings = {"shortlist_from": 1, "shortlist_length": shortlist}
+        settings |= {"reranked": reranked, "finalists": finalists}
         with served(url, **settings) as (service, client):
             wait_until_idle(service)
             answers, seconds = [], []
@@ -178,15 +114,17 @@ def cascade_rows(
             for number, names in zip(asked, answers, strict=True)
         ]
         same = [names[0] == best[0] for names, best in zip(answers, exhaustive, strict=True)]
-        first, ten = np.mean([row[0] for row in right]), np.mean([np.mean(row) for row in right])
-        shares = float(np.mean(same)), float(first), float(ten)
-        stages: tuple[int | None, int | None, int | None] = length or (None, None, None)
-        rows.append(CascadeRow(rank_by, size, len(asked), *stages, *shares, median_ms))
+        row: dict[str, Any] = {"ranked_by": rank_by, "shapes": size, "queries": len(asked)}
+        row |= zip(("shortlist", "reranked", "in_full"), length or (None, None, None), strict=True)
+        row |= {"same_first": fmean(same), "first_of_class": fmean(names[0] for names in right)}
+        rows.append(row | {"ten_of_class": fmean(map(fmean, right)), "median_ms": median_ms})
     return rows
 
 
-def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[IngestRow]:
-    """Store all meshes in turn with all processors and with one.
+def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[dict[str, Any]]:
+    """Upload all meshes to an empty archive, in turn with all processors and with one.
+
+    The service, its workers and the client share the processors.
 
     Raises
     ------
@@ -204,7 +142,10 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
             url = f"sqlite:///{scratch / f'ingest-{turn}-{count}.sqlite3'}"
             with bound_to(available[:count]):
                 measured.append(_rate(url, items))
-    return [IngestRow(count, len(items), Spread.of(measured)) for count, measured in rates.items()]
+    return [
+        {"processors": count, "shapes": len(items), "shapes_a_second": Spread.of(measured)}
+        for count, measured in rates.items()
+    ]
 
 
 def processors() -> list[int]:
@@ -262,7 +203,13 @@ def wait_until_idle(service: ChildService) -> None:
         quiet = quiet + 1 if used - before < IDLE else 0
 
 
-def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchRow:
+def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> dict[str, Any]:
+    """Measure the queries of one archive, the first apart.
+
+    `compared` is the number of shapes that the last query compared in full, `start_s` from the start of the
+    process until it is ready, and `memory_mib` of the main process at the end. The service reports the
+    stages.
+    """
     began = perf_counter()
     with served(url) as (service, client):
         start = perf_counter() - began
@@ -274,18 +221,12 @@ def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> SearchR
             times.append(1e3 * (perf_counter() - before))
             stages.append(answer.milliseconds)
             compared = answer.compared
-        return SearchRow(
-            shapes=size,
-            exhaustive=exhaustive,
-            compared=compared,
-            queries=queries,
-            start_s=start,
-            first_ms=times[0],
-            median_ms=float(np.median(times[1:])),
-            p95_ms=float(np.percentile(times[1:], 95)),
-            stages_ms={name: float(np.median([stage[name] for stage in stages[1:]])) for name in stages[0]},
-            memory_mib=service.memory() / 2**20,
-        )
+        row: dict[str, Any] = {"shapes": size, "exhaustive": exhaustive, "compared": compared}
+        row |= {"queries": queries, "start_s": start, "first_ms": times[0]}
+        p50, p95 = np.percentile(times[1:], [50, 95]).tolist()
+        medians = {name: median(stage[name] for stage in stages[1:]) for name in stages[0]}
+        row |= {"median_ms": p50, "p95_ms": p95, "stages_ms": medians}
+        return row | {"memory_mib": service.memory() / 2**20}
 
 
 def _rate(url: str, items: Sequence[Item]) -> float:

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +12,7 @@ import typer
 from service.cli.evaluation.options import AsJson
 from service.console import print_table, progress
 from service.evaluation.archive_repository import originals
-from service.evaluation.benchmark_meshes import headings_of, read_source, text_of
+from service.evaluation.benchmark_meshes import cell_of, read_source
 from service.evaluation.benchmark_method import (
     MANY,
     embedding_rows,
@@ -95,11 +94,12 @@ def benchmark_command(
             tables |= measures[subject]()
             bar.advance(task)
     if as_json:
-        typer.echo(json.dumps({name: [asdict(row) for row in rows] for name, rows in tables.items()}))
+        typer.echo(json.dumps(tables, default=vars))
         return
     for name, rows in tables.items():
         if rows:
-            print_table(TITLES[name], headings_of(rows[0]), [text_of(row) for row in rows])
+            headings = [heading.replace("_", " ") for heading in rows[0]]
+            print_table(TITLES[name], headings, [list(map(cell_of, row.values())) for row in rows])
     if "growth" in tables:
         seconds, memory = growth_exponents(tables["growth"])
         typer.echo(f"Growth: seconds as vertices^{seconds:.2f}, peak memory as vertices^{memory:.2f}.")
