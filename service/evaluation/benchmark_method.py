@@ -72,7 +72,7 @@ def growth_rows(
             path.write_bytes(write_mesh(scaled, format))
             with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
                 seconds, peak = pool.submit(measure_file, str(path), runs).result()
-            row = {"vertices": len(scaled.vertices), "faces": len(scaled.faces)}
+            row: dict[str, Any] = {"vertices": len(scaled.vertices), "faces": len(scaled.faces)}
             row |= {"file_bytes": path.stat().st_size, "format": format}
             rows.append(row | {"seconds": Spread.of(seconds), "peak_bytes": peak})
             path.unlink()

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from enum import StrEnum
 from importlib.util import find_spec
 from itertools import zip_longest
 from math import comb
@@ -16,19 +15,11 @@ from service.console import counted, fail, progress, say
 from service.datasets import read_collection
 from service.evaluation.baselines import BASELINES, describe_files, distance_matrix
 from service.evaluation.pairwise_scores import PairScores, embed_files, score_pairs, worker_pool
+from service.search.schemas import RankBy
 
 Result = TypeVar("Result")
 Files = list[tuple[Path, str]]
 """Mesh files with their classes."""
-
-
-class Ranking(StrEnum):
-    """The score that shapes are ranked by."""
-
-    CC = "cc"
-    SSD = "ssd"
-    SIM = "sim"
-    COMBINED = "combined"
 
 
 def collection_files(folder: Path, limit: int | None) -> Files:
@@ -112,6 +103,6 @@ def usable(
     return labels, kept
 
 
-def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: Ranking) -> Evaluation:
+def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: RankBy) -> Evaluation:
     """Return the evaluation of a ranking by one of the scores."""
-    return evaluate(getattr(scores, ranking), labels, larger_is_closer=ranking is not Ranking.SSD)
+    return evaluate(getattr(scores, ranking), labels, larger_is_closer=ranking != "ssd")

@@ -12,7 +12,8 @@ from typing import Any
 
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.evaluation.pairwise_scores import default_workers
-from service.evaluation.retrieval import Ranking, collection_files, evaluate_ranking, score_collection
+from service.evaluation.retrieval import collection_files, evaluate_ranking, score_collection
+from service.search.schemas import RankBy
 from tests.studies.common import run, write
 
 MEASURES = ("nn", "ft", "st")
@@ -24,7 +25,7 @@ class Change:
 
     title: str
     fields: tuple[str, ...]
-    rank_by: Ranking = Ranking.CC
+    rank_by: RankBy = "cc"
 
 
 NAMED = (
@@ -62,7 +63,7 @@ NAMED = (
 )
 """The steps, in the order in which they are added up."""
 
-LAST = Change("ranked by combined, which reads all descriptors", (), Ranking.COMBINED)
+LAST = Change("ranked by combined, which reads all descriptors", (), "combined")
 """The step that affects the ranking only; it changes no parameter."""
 
 
@@ -73,7 +74,7 @@ class Trial:
     block: str
     title: str
     parameters: Parameters
-    rank_by: Ranking
+    rank_by: RankBy
 
 
 def changes() -> tuple[Change, ...]:
@@ -88,17 +89,16 @@ def changes() -> tuple[Change, ...]:
 def trials(*, without: bool = False) -> list[Trial]:
     """Return `paper`, each change on it alone, the changes added up, and `default` without each change."""
     steps = changes()
-    found = [Trial("alone", "paper", PAPER, Ranking.CC)]
+    found = [Trial("alone", "paper", PAPER, "cc")]
     found += [Trial("alone", step.title, taken(PAPER, DEFAULT, step), step.rank_by) for step in steps]
-    found.append(Trial("together", "paper", PAPER, Ranking.CC))
+    found.append(Trial("together", "paper", PAPER, "cc"))
     so_far = PAPER
     for step in steps:
         so_far = taken(so_far, DEFAULT, step)
         found.append(Trial("together", step.title, so_far, step.rank_by))
     if without:
         found += [
-            Trial("without", f"default by {rank_by}", DEFAULT, rank_by)
-            for rank_by in (Ranking.CC, LAST.rank_by)
+            Trial("without", f"default by {rank_by}", DEFAULT, rank_by) for rank_by in ("cc", LAST.rank_by)
         ]
         found += [
             Trial("without", step.title, taken(DEFAULT, PAPER, step), step.rank_by)
@@ -135,9 +135,9 @@ def main(folder: Path, collections: list[Path], without: bool, limit: int | None
                     collection_files(collection, limit), trial.parameters, workers
                 )
             labels, scores = known[fingerprint]
-            figures = evaluate_ranking(scores, labels, Ranking(trial.rank_by))
+            figures = evaluate_ranking(scores, labels, trial.rank_by)
             row = {"collection": collection.name, "block": trial.block, "row": trial.title}
-            row |= {"rank_by": str(trial.rank_by), "fingerprint": fingerprint}
+            row |= {"rank_by": trial.rank_by, "fingerprint": fingerprint}
             rows.append(row | {name: getattr(figures, name) for name in MEASURES})
     write(folder / "ablation.csv", rows, digits=3)
 

@@ -32,7 +32,7 @@ from core.mesh.simplification import decimate
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.evaluation.pairwise_scores import default_workers
-from service.evaluation.retrieval import Ranking, collection_files, evaluate_ranking, score_collection
+from service.evaluation.retrieval import collection_files, evaluate_ranking, score_collection
 from tests.core.matching.reference import fit_rotation_reference
 from tests.studies.common import SURFACE, Panel, grid, run, save
 
@@ -211,7 +211,7 @@ def main(folder: Path, collection: Path | None, shown: str, limit: int | None, w
         "eigenmap": eigenmap_figure(pair[0]),
         "match": match_figure(*pair),
         "top": first_answers(meshes, labels, scores.cc),
-        "confusion": confusion_figure(evaluate_ranking(scores, labels, Ranking.CC)),
+        "confusion": confusion_figure(evaluate_ranking(scores, labels, "cc")),
         "classes": classes_figure(meshes, labels, classify(scores.cc, labels, larger_is_closer=True)),
     }
     for name, figure in pictures.items():

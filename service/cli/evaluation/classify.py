@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,13 +13,14 @@ from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Collection, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
-from service.evaluation.retrieval import Ranking, collection_files, score_collection
+from service.evaluation.retrieval import collection_files, score_collection
+from service.search.schemas import RankBy
 
 
 def classify_command(
     folder: Collection,
     *,
-    rank_by: Annotated[Ranking, typer.Option(help="Score that ranks the neighbours.")] = Ranking.CC,
+    rank_by: Annotated[RankBy, typer.Option(help="Score that ranks the neighbours.")] = "cc",
     as_json: AsJson = False,
     limit: Annotated[
         int | None, typer.Option(min=6, help="Use only this many shapes, spread over the classes.")
@@ -38,16 +39,40 @@ def classify_command(
     named = [(path, str(path)) for path, _ in files]
     names, scores = score_collection(named, DEFAULT, workers or default_workers())
     labels = [classes[name] for name in names]
-    result = classify(getattr(scores, rank_by), labels, larger_is_closer=rank_by is not Ranking.SSD)
+    result = classify(getattr(scores, rank_by), labels, larger_is_closer=rank_by != "ssd")
+    shapes: list[dict[str, Any]] = [
+        {
+            "file": name,
+            "class": label,
+            "neighbour": names[neighbour],
+            "score": float(score),
+            "found": labels[neighbour] if matched else None,
+        }
+        for name, label, neighbour, score, matched in zip(
+            names, labels, result.neighbour, result.score, result.matched, strict=True
+        )
+    ]
+    about = {"collection": folder.resolve().name, "rank_by": rank_by}
     if as_json:
-        typer.echo(json.dumps(_object(folder, rank_by, names, labels, result)))
+        numbers = {"threshold": result.threshold, "balanced_accuracy": result.balanced_accuracy}
+        counts = _counts(result, range(len(names)))
+        typer.echo(json.dumps({**about, **numbers, **counts, "shapes": shapes}))
     else:
-        side = "above" if rank_by is Ranking.SSD else "below"
+        side = "above" if rank_by == "ssd" else "below"
+        rows = [
+            [
+                Path(shape["file"]).name,
+                shape["class"],
+                Path(shape["neighbour"]).name,
+                shape["found"] or "unmatched",
+                f"{shape['score']:.4f}",
+            ]
+            for shape in shapes
+        ]
         print_table(
-            f"{folder.resolve().name}: first neighbours by {rank_by.value}, "
-            f"unmatched {side} {result.threshold:.4f}",
-            ("shape", "class", "first neighbour", "class found", rank_by.value),
-            _shapes(names, labels, result),
+            f"{about['collection']}: first neighbours by {rank_by}, unmatched {side} {result.threshold:.4f}",
+            ("shape", "class", "first neighbour", "class found", rank_by),
+            rows,
             left=4,
         )
         print_table(
@@ -61,28 +86,6 @@ def classify_command(
         fail(f"{len(files) - len(names)} of {len(files)} files could not be used")
 
 
-def _object(
-    folder: Path, rank_by: Ranking, names: list[str], labels: list[str], result: Classification
-) -> dict[str, object]:
-    return {
-        "collection": folder.resolve().name,
-        "rank_by": rank_by.value,
-        "threshold": result.threshold,
-        "balanced_accuracy": result.balanced_accuracy,
-        **_counts(result, range(len(names))),
-        "shapes": [
-            {
-                "file": name,
-                "class": label,
-                "neighbour": names[result.neighbour[i]],
-                "score": float(result.score[i]),
-                "found": labels[result.neighbour[i]] if result.matched[i] else None,
-            }
-            for i, (name, label) in enumerate(zip(names, labels, strict=True))
-        ],
-    }
-
-
 def _counts(result: Classification, members: Sequence[int]) -> dict[str, int]:
     return {
         "right": sum(bool(result.matched[i] and result.right[i]) for i in members),
@@ -91,32 +94,15 @@ def _counts(result: Classification, members: Sequence[int]) -> dict[str, int]:
     }
 
 
-def _shapes(names: list[str], labels: list[str], result: Classification) -> list[list[str]]:
-    return [
-        [
-            Path(name).name,
-            label,
-            Path(names[neighbour]).name,
-            labels[neighbour] if matched else "unmatched",
-            f"{score:.4f}",
-        ]
-        for name, label, neighbour, matched, score in zip(
-            names, labels, result.neighbour, result.matched, result.score, strict=True
-        )
-    ]
-
-
 def _by_class(labels: list[str], result: Classification) -> list[list[str]]:
     """Return a row for each class, and one for all classes."""
     rows = []
-    for label in sorted(set(labels)):
-        members = [i for i, other in enumerate(labels) if other == label]
+    for label in (*sorted(set(labels)), None):
+        members = [i for i, each in enumerate(labels) if label in {each, None}]
         wrong = Counter(
             labels[result.neighbour[i]] for i in members if result.matched[i] and not result.right[i]
         )
-        taken = max(sorted(wrong), key=lambda name: wrong[name]) if wrong else ""
-        confused = f"{taken} ({wrong[taken]})" if taken else ""
-        rows.append([label, confused, str(len(members)), *map(str, _counts(result, members).values())])
-    everything = range(len(labels))
-    rows.append(["all", "", str(len(labels)), *map(str, _counts(result, everything).values())])
+        taken = "{} ({})".format(*min(wrong.items(), key=lambda item: (-item[1], item[0]))) if wrong else ""
+        names = ["all", ""] if label is None else [label, taken]
+        rows.append([*names, str(len(members)), *map(str, _counts(result, members).values())])
     return rows

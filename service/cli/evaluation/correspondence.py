@@ -1,28 +1,26 @@
 """`isoshape correspondence`: matches between poses of one body against the truth."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.util import find_spec
+from operator import call
 from pathlib import Path
+from statistics import fmean
 from typing import Annotated
 
 import typer
 
-from core.evaluation.correspondence_errors import (
-    MOST_ERROR,
-    BodyErrors,
-    TruthErrors,
-    study_body,
-    study_individuals,
-)
+from core.evaluation.correspondence_errors import MOST_ERROR, study_body, study_individuals
 from core.gallery import CLASSES
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
 from service.console import counted, fail, print_table, progress
 from service.evaluation.pairwise_scores import default_workers, in_order, worker_pool
 from service.evaluation.template_truth import ORIENTED, OURS, PLAIN, read_truth, study_truth, summary
+
+MEANS = ("samples", "vertices", "direct")
+"""The errors whose means are told."""
 
 
 def correspondence_command(
@@ -90,15 +88,44 @@ def correspondence_command(
             for body in range(bodies)
         ]
     with worker_pool(DEFAULT, count) as pool, progress() as bar:
-        errors = in_order(pool, _call, studies, counted(bar, "matching bodies", len(studies)))
+        errors = in_order(pool, call, studies, counted(bar, "matching bodies", len(studies)))
     by_class = {label: [body for body in errors if body.label == label] for label in labels}
+    means = {
+        label: {field: fmean(body.mean(field) for body in measured) for field in MEANS}
+        for label, measured in by_class.items()
+    }
+    overall = {field: fmean(mean[field] for mean in means.values()) for field in MEANS}
     if as_json:
-        typer.echo(json.dumps(_object(by_class)))
+        classes = {
+            label: {"mean": means[label]["vertices"], "direct": means[label]["direct"], "bodies": measured}
+            for label, measured in by_class.items()
+        }
+        report = {"most_error": MOST_ERROR, "mean": overall["vertices"], "classes": classes}
+        typer.echo(json.dumps(report, default=asdict))
     else:
-        _print(
-            by_class, f"{bodies} individuals of each class" if individuals else f"{poses} poses of each body"
+        rows = []
+        for label, measured in by_class.items():
+            of_pairs = [pair.vertices for body in measured for pair in body.pairs]
+            within = sum(error <= MOST_ERROR for error in of_pairs)
+            numbers = (f"{mean:.3f}" for mean in (*means[label].values(), max(of_pairs)))
+            rows.append([label, str(len(of_pairs)), *numbers, str(within)])
+        rows.append(["mean", "", *(f"{mean:.3f}" for mean in overall.values()), "", ""])
+        matched = f"{bodies} individuals of each class" if individuals else f"{poses} poses of each body"
+        print_table(
+            f"geodesic error / root of the area, {matched}, matched in pairs",
+            (
+                "class",
+                "pairs",
+                "samples",
+                "all vertices",
+                "direct",
+                "worst pair",
+                f"pairs within {MOST_ERROR}",
+            ),
+            rows,
+            last=1,
         )
-    over = [label for label, measured in by_class.items() if _mean(measured, "vertices") > MOST_ERROR]
+    over = [label for label, mean in means.items() if mean["vertices"] > MOST_ERROR]
     if check and over:
         fail(f"the mean error is above {MOST_ERROR} for {', '.join(over)}")
 
@@ -114,67 +141,17 @@ def _measure_truth(folder: Path, pairs: int, seed: int, workers: int, *, peers: 
             for method, kinds in errors.items()
         }
         typer.echo(json.dumps(objects.pop(OURS) | objects))
-    else:
-        _print_truth(errors)
-
-
-def _print_truth(errors: Mapping[str, Mapping[str, list[TruthErrors]]]) -> None:
+        return
     rows = []
     for method, kinds in errors.items():
         for kind, measured in kinds.items():
             if measured:
-                figures = summary(measured)
-                cells = [
-                    figures[name][part] for name in ("direct", "symmetric") for part in ("mean", "median")
-                ]
-                counted = [method.replace("_", ", "), kind, str(len(measured))]
-                rows.append([*counted, *(f"{value:.3f}" for value in cells)])
+                count, direct, symmetric = summary(measured).values()
+                numbers = (f"{value:.3f}" for value in (*direct.values(), *symmetric.values()))
+                rows.append([method.replace("_", ", "), kind, str(count), *numbers])
     print_table(
         "geodesic error / root of the area of the dense correspondence",
         ("method", "classes", "pairs", "direct, mean", "median", "up to symmetry, mean", "median"),
         rows,
         left=2,
-    )
-
-
-def _call(study: Callable[[], BodyErrors]) -> BodyErrors:
-    return study()
-
-
-def _mean(measured: Sequence[BodyErrors], field: str) -> float:
-    return sum(body.mean(field) for body in measured) / len(measured)
-
-
-def _object(by_class: dict[str, list[BodyErrors]]) -> dict[str, object]:
-    return {
-        "most_error": MOST_ERROR,
-        "mean": sum(_mean(measured, "vertices") for measured in by_class.values()) / len(by_class),
-        "classes": {
-            label: {
-                "mean": _mean(measured, "vertices"),
-                "direct": _mean(measured, "direct"),
-                "bodies": [asdict(body) for body in measured],
-            }
-            for label, measured in by_class.items()
-        },
-    }
-
-
-def _print(by_class: dict[str, list[BodyErrors]], matched: str) -> None:
-    fields = ("samples", "vertices", "direct")
-    rows = []
-    for label, measured in by_class.items():
-        errors = [pair.vertices for body in measured for pair in body.pairs]
-        means = (f"{_mean(measured, field):.3f}" for field in fields)
-        within = sum(error <= MOST_ERROR for error in errors)
-        rows.append([label, str(len(errors)), *means, f"{max(errors):.3f}", str(within)])
-    overall = (
-        sum(_mean(measured, field) for measured in by_class.values()) / len(by_class) for field in fields
-    )
-    rows.append(["mean", "", *(f"{mean:.3f}" for mean in overall), "", ""])
-    print_table(
-        f"geodesic error / root of the area, {matched}, matched in pairs",
-        ("class", "pairs", "samples", "all vertices", "direct", "worst pair", f"pairs within {MOST_ERROR}"),
-        rows,
-        last=1,
     )

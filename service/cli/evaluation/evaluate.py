@@ -1,9 +1,10 @@
 """`isoshape evaluate`: retrieval on a labelled collection, each shape a query against all others."""
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
@@ -19,19 +20,19 @@ from service.cli.evaluation.options import Collection, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
-    Ranking,
     collection_files,
     evaluate_ranking,
     score_baseline,
     score_collection,
 )
+from service.search.schemas import RankBy
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
 HUBNESS = ("occurrence_skewness", "most_often_wrong")
 
 
-class RankBy(StrEnum):
+class Ranked(StrEnum):
     """A score that ranks the answers, or all of them."""
 
     CC = "cc"
@@ -39,37 +40,6 @@ class RankBy(StrEnum):
     SIM = "sim"
     COMBINED = "combined"
     ALL = "all"
-
-
-@dataclass(frozen=True)
-class RetrievalReport:
-    """One evaluation of a collection; `setting` names the parameters or the baseline."""
-
-    collection: str
-    setting: str
-    rank_by: str
-    figures: Evaluation
-    cc: dict[str, ScoreQuantiles]
-
-    def as_json(self) -> dict[str, object]:
-        """Return the object that `--json` prints."""
-        return {
-            "collection": self.collection,
-            "setting": self.setting,
-            "rank_by": self.rank_by,
-            "shapes": self.figures.shapes,
-            "classes": len(self.figures.classes),
-            **{name: getattr(self.figures, name) for name in (*MEASURES, *HUBNESS)},
-            "cc": {
-                pairs: {
-                    "pairs": quantiles.pairs,
-                    "quantiles": dict(zip(map(str, QUANTILES), quantiles.quantiles, strict=True)),
-                    "matched": quantiles.at_least,
-                }
-                for pairs, quantiles in self.cc.items()
-            },
-            "per_class": {name: asdict(row) for name, row in self.figures.per_class.items()},
-        }
 
 
 def evaluate_command(
@@ -81,7 +51,7 @@ def evaluate_command(
         typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
     ] = "isoshape",
     rank_by: Annotated[
-        list[RankBy] | None,
+        list[Ranked] | None,
         typer.Option(help="Score that ranks the answers; repeatable. [default: cc]"),
     ] = None,
     as_json: Annotated[
@@ -118,38 +88,53 @@ def evaluate_command(
             parameters = parameters.with_values(sampling={"sample_cap": 0})
         labels, scores = score_collection(files, parameters, workers or default_workers())
         cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
-        chosen = rank_by or [RankBy.CC]
-        rankings = Ranking if RankBy.ALL in chosen else map(Ranking, dict.fromkeys(chosen))
-        reports = [
-            RetrievalReport(name, setting, ranking.value, evaluate_ranking(scores, labels, ranking), cc)
-            for ranking in rankings
-        ]
+        chosen = rank_by or [Ranked.CC]
+        rankings: Iterable[Any] = get_args(RankBy) if "all" in chosen else dict.fromkeys(chosen)
+        evaluations = {ranking: evaluate_ranking(scores, labels, ranking) for ranking in rankings}
     else:
         labels, distances = score_baseline(files, method, workers or default_workers())
-        figures = evaluate(distances, labels, larger_is_closer=False)
-        reports = [RetrievalReport(name, method, "distance", figures, {})]
+        cc = {}
+        evaluations = {"distance": evaluate(distances, labels, larger_is_closer=False)}
+    named = setting if method == "isoshape" else method
     if as_json:
-        objects = [report.as_json() for report in reports]
+        about = {"collection": name, "setting": named}
+        objects = [about | {"rank_by": by} | _object(each, cc) for by, each in evaluations.items()]
         typer.echo(json.dumps(objects[0] if len(objects) == 1 else objects))
     else:
-        _print(reports)
+        _print(f"{name}, {'setting' if method == 'isoshape' else 'method'} {named}", evaluations, cc)
     if len(labels) < len(files):
         fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
 
 
-def _print(reports: list[RetrievalReport]) -> None:
-    first = reports[0]
-    kind = "method" if first.rank_by == "distance" else "setting"
+def _object(figures: Evaluation, cc: Mapping[str, ScoreQuantiles]) -> dict[str, object]:
+    """Return the numbers of one ranking that `--json` prints."""
+    return {
+        "shapes": figures.shapes,
+        "classes": len(figures.classes),
+        **{name: getattr(figures, name) for name in (*MEASURES, *HUBNESS)},
+        "cc": {
+            pairs: {
+                "pairs": quantiles.pairs,
+                "quantiles": dict(zip(map(str, QUANTILES), quantiles.quantiles, strict=True)),
+                "matched": quantiles.at_least,
+            }
+            for pairs, quantiles in cc.items()
+        },
+        "per_class": {name: asdict(row) for name, row in figures.per_class.items()},
+    }
+
+
+def _print(title: str, evaluations: Mapping[str, Evaluation], cc: Mapping[str, ScoreQuantiles]) -> None:
+    first = next(iter(evaluations.values()))
     print_table(
-        f"{first.collection}, {kind} {first.setting}: "
-        f"{first.figures.shapes} shapes, {len(first.figures.classes)} classes",
+        f"{title}: {first.shapes} shapes, {len(first.classes)} classes",
         ("rank by", *map(str.upper, MEASURES), "skewness", "one wrong"),
         [
-            [report.rank_by, *(f"{getattr(report.figures, name):.3f}" for name in (*MEASURES, *HUBNESS))]
-            for report in reports
+            [ranking, *(f"{getattr(figures, name):.3f}" for name in (*MEASURES, *HUBNESS))]
+            for ranking, figures in evaluations.items()
         ],
     )
-    if first.cc:
+    if cc:
         rows = [
             [
                 "one class" if name == "same" else "two classes",
@@ -157,15 +142,15 @@ def _print(reports: list[RetrievalReport]) -> None:
                 *(f"{value:.4f}" for value in pairs.quantiles),
                 f"{100 * pairs.at_least:.1f} %",
             ]
-            for name, pairs in first.cc.items()
+            for name, pairs in cc.items()
         ]
         quantiles = (f"{100 * quantile:g} %" for quantile in QUANTILES)
         print_table("CC of pairs", ("pairs of", "pairs", *quantiles, "matched"), rows)
-    for report in reports:
+    for ranking, figures in evaluations.items():
         print_table(
-            f"by class, ranked by {report.rank_by}",
+            f"by class, ranked by {ranking}",
             ("class", "most often taken for", "shapes", "NN", "FT", "ST"),
-            _by_class(report.figures),
+            _by_class(figures),
             left=2,
         )
 

@@ -1,7 +1,7 @@
 """`isoshape table2`: the paper's Table 2 beside the accuracies measured here, category by category."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -15,7 +15,6 @@ from service.cli.evaluation.options import AsJson, Collection, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
-    Ranking,
     collection_files,
     evaluate_ranking,
     require,
@@ -34,15 +33,6 @@ class Line:
     label: str
     category: Category | None
     here: Mapping[str, float]
-
-    def as_json(self) -> dict[str, object]:
-        """Return the object that `--json` prints."""
-        return {
-            "class": self.label,
-            "category": self.category.title if self.category else None,
-            "paper": dict(self.category.accuracy) if self.category else None,
-            "here": dict(self.here),
-        }
 
 
 def table2_command(
@@ -73,7 +63,8 @@ def table2_command(
     labels, scores = score_collection(files, PAPER if setting == "paper" else DEFAULT, count)
     unusable = len(files) - len(labels)
     figures = {
-        ranking.value: evaluate_ranking(scores, labels, ranking) for ranking in (Ranking.CC, Ranking.COMBINED)
+        "cc": evaluate_ranking(scores, labels, "cc"),
+        "combined": evaluate_ranking(scores, labels, "combined"),
     }
     for method in methods:
         labels, distances = score_baseline(files, method, count)
@@ -82,14 +73,17 @@ def table2_command(
     lines = compared(figures)
     name = folder.resolve().name
     if as_json:
-        report = {
-            "collection": name,
-            "setting": setting,
-            "shapes": figures["cc"].shapes,
-            "classes": [line.as_json() for line in lines],
-            "mean": {"paper": ALL_CATEGORIES, "here": means(lines)},
-        }
-        typer.echo(json.dumps(report))
+        classes = [
+            {
+                "class": line.label,
+                "category": line.category and line.category.title,
+                "paper": line.category and line.category.accuracy,
+                "here": line.here,
+            }
+            for line in lines
+        ]
+        report = {"collection": name, "setting": setting, "shapes": figures["cc"].shapes, "classes": classes}
+        typer.echo(json.dumps(report | {"mean": {"paper": ALL_CATEGORIES, "here": means(lines)}}))
     else:
         headings, rows = table(lines)
         print_table(f"Table 2 and {name}, setting {setting}: accuracies in per cent", headings, rows)
@@ -119,23 +113,18 @@ def means(lines: list[Line]) -> dict[str, float]:
 def table(lines: list[Line]) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows, with the means over the paper's categories and over all classes."""
 
-    def row(title: str, paper: Mapping[str, float], here: Mapping[str, float]) -> list[str]:
-        printed = [f"{paper[name]:.2f}" if paper else "" for name in METHODS]
+    def row(title: str, here: Mapping[str, float], paper: Sequence[float] = ()) -> list[str]:
+        printed = [f"{accuracy:.2f}" for accuracy in paper] or [""] * len(METHODS)
         return [title, *printed, *(f"{accuracy:.1f}" for accuracy in here.values())]
 
     headings = ["category", *(f"paper: {name}" for name in METHODS)]
     headings += [f"here: {BASELINES.get(by, by)}" for by in lines[0].here]
-    rows = [
-        row(line.category.title, line.category.accuracy, line.here)
-        if line.category
-        else row(line.label, {}, line.here)
-        for line in lines
-    ]
-    inside = [(line, line.category.accuracy) for line in lines if line.category is not None]
+    inside = [(line.category, line) for line in lines if line.category is not None]
+    rows = [row(category.title, line.here, [*category.accuracy.values()]) for category, line in inside]
     if inside:
-        paper = {name: float(np.mean([accuracy[name] for _, accuracy in inside])) for name in METHODS}
-        here = means([line for line, _ in inside])
-        rows.insert(len(inside), row(f"mean of these {len(inside)}", paper, here))
-    rows.append(row(f"mean of all {len(lines)} classes", {}, means(lines)))
+        paper = np.mean([[*category.accuracy.values()] for category, _ in inside], axis=0)
+        rows.append(row(f"mean of these {len(inside)}", means([line for _, line in inside]), paper.tolist()))
+    rows += [row(line.label, line.here) for line in lines if line.category is None]
+    rows.append(row(f"mean of all {len(lines)} classes", means(lines)))
     rows[-1][1] = f"{ALL_CATEGORIES} (of 16)"
     return headings, rows
