@@ -9,7 +9,7 @@ from core.mesh.cleaning import Cleaned, centroid, component_areas, face_areas
 from core.mesh.edges import boundary_edges, component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
@@ -130,6 +130,7 @@ def global_descriptors(mesh: Mesh) -> Floats:
     return np.log([area**1.5 / volume, (hull_volume + least) / volume, area / hull_area])
 
 
+@compiled_for_reading
 def signed_volume(vertices: Floats, faces: Ints) -> float:
     """Compute the sum of the signed volumes of the tetrahedra between the origin and each face.
 
@@ -139,11 +140,6 @@ def signed_volume(vertices: Floats, faces: Ints) -> float:
     faces : int64, shape (f, 3)
         Negative volume where a face is oriented inwards.
     """
-    return _signed_volume(constant(vertices), constant(faces))
-
-
-@compiled
-def _signed_volume(vertices: Floats, faces: Ints) -> float:
     total = 0.0
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled, compiled_for_reading
 
 AZIMUTHS, HEIGHTS = 64, 33
 """Cells of a panorama around the axis and along it. The planes of the frame go through the middle of cells:
@@ -47,7 +47,7 @@ def panoramas(points: Floats, normals: Floats, axes: Floats) -> Floats:
     axes : float64, shape (3, 3)
         Rows are orthonormal.
     """
-    return _panoramas(constant(points @ axes.T), constant(normals @ axes.T))
+    return _panoramas(points @ axes.T, normals @ axes.T)
 
 
 def magnitudes(maps: Floats) -> Floats:
@@ -99,7 +99,7 @@ def _azimuth(x: float, y: float) -> int:
     return cell if y >= 0.0 or cell == 0 else AZIMUTHS - cell
 
 
-@compiled
+@compiled_for_reading
 def _panoramas(points: Floats, normals: Floats) -> Floats:
     """Return panoramas about the three coordinate axes: see `panoramas`."""
     maps = np.zeros((3, CHANNELS, AZIMUTHS, HEIGHTS))

@@ -15,7 +15,7 @@ import numpy as np
 from core.arrays import Bytes, Float32s, Floats, Int32s, Ints
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh, face_normals
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled, compiled_for_reading
 from core.sampling.surface_samples import evenly_spread
 
 POINTS, KEYPOINTS = 4000, 160
@@ -83,7 +83,7 @@ def spin_images(surface: Mesh, missing: float = 0.0) -> SpinImages:
     points, faces = evenly_spread((corners - centre) / unit, areas, count)
     keypoints = np.linspace(0, count - 1, spin_image_count(missing)).astype(np.int64)
     normals = face_normals(corners[faces[keypoints]])
-    counts = _histograms(constant(points), constant(keypoints), constant(normals), np.array(RADII))
+    counts = _histograms(points, keypoints, normals, np.array(RADII))
     shares = counts / (POINTS * np.array(RADII) ** 2)[:, None]
     quantised = np.minimum(np.round(BYTE_SCALE * np.sqrt(shares)), 255.0).astype(np.uint8)
     return SpinImages(
@@ -160,7 +160,7 @@ def _nearest_squares(
     return least_of_own, least_of_others
 
 
-@compiled
+@compiled_for_reading
 def _histograms(points: Floats, keypoints: Ints, normals: Floats, radii: Floats) -> Ints:
     """Count points in each bin of each support ball of each keypoint, shape (k, r, BINS).
 

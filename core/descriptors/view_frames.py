@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from core.arrays import Floats, Ints
 from core.errors import DegenerateMeshError
 from core.mesh.cleaning import bounds
+from core.mesh.mesh import face_normals
 from core.mesh.normal_frame import second_moments
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled
 
 FRAMES = 3
 """Number of frames: of the points, of the normals, and the rectilinear one."""
@@ -78,7 +79,8 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
     low, high = bounds(vertices)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
     points = (vertices - 0.5 * (low + high)) / extent
-    normals, middles = _normals_and_middles(constant(points), constant(faces))
+    corners = points[faces]
+    normals, middles = face_normals(corners, unit=False), corners.mean(axis=1)
     lengths = np.linalg.norm(normals, axis=1)
     if not lengths.sum() > 0.0:
         raise DegenerateMeshError("the surface has no area")
@@ -107,19 +109,6 @@ def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
                 turned = plane if abs(turned[0] @ plane[0]) >= abs(turned[0] @ plane[1]) else plane[::-1]
             frames[frame] = np.concatenate([axes[:i], turned, axes[i + 2 :]])
     return NormalisedSurface(points, areas, normals, np.stack(frames))
-
-
-@compiled
-def _normals_and_middles(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
-    """Return normals, as long as twice the areas of the faces, and means of their corners, shapes (f, 3)."""
-    normals, middles = np.empty(faces.shape), np.empty(faces.shape)
-    for f in range(len(faces)):
-        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            normals[f, i] = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
-            middles[f, i] = (a[i] + b[i] + c[i]) / 3.0
-    return normals, middles
 
 
 def _along(axes: Floats, tensor: Floats) -> Floats:

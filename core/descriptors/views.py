@@ -12,7 +12,7 @@ import numpy as np
 from core.arrays import Bytes, Floats, Ints
 from core.descriptors.panorama import CHANNELS, frequency_radii, kept, magnitudes, panoramas
 from core.descriptors.view_frames import FRAMES, normalised_surface
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 from core.sampling.surface_samples import evenly_spread_shares
 
@@ -42,11 +42,11 @@ def pair_histogram(points: Floats, normals: Floats) -> Floats:
     normals : float64, shape (ORIENTED_POINTS, 3)
         Unit normals at the points, of either sign.
     """
-    counts = _pair_counts(constant(points), constant(normals))
+    counts = _pair_counts(points, normals)
     return np.asarray(counts / counts.sum())
 
 
-@compiled
+@compiled_for_reading
 def _pair_counts(points: Floats, normals: Floats) -> Floats:
     """Count the pairs (i, q i + r mod n): with q odd, each partner r pairs every point once."""
     counts = np.zeros((DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS))
@@ -169,12 +169,12 @@ def view_distance(query: Bytes, stored: Bytes) -> Floats:
     query : uint8, shape (VIEW_BYTES,)
     stored : uint8, shape (c, VIEW_BYTES)
     """
-    views, pairs = _differences(constant(query), constant(stored), FRAMES, FRAME_BYTES)
+    views, pairs = _differences(query, stored, FRAMES, FRAME_BYTES)
     views = views.min(axis=1) / (MAGNITUDE_SCALE**2 * FRAME_PANORAMAS)
     return np.asarray(views + PAIR_WEIGHT / SHARE_SCALE * pairs)
 
 
-@compiled
+@compiled_for_reading
 def _differences(query: Bytes, stored: Bytes, frames: int, width: int) -> tuple[Ints, Ints]:
     """Compute sums of absolute differences, of whole numbers, so their order does not matter.
 
@@ -225,20 +225,17 @@ def view_signature(descriptor: Bytes) -> Bytes:
     return np.asarray(np.minimum(np.rint(values), 255.0).astype(np.uint8))
 
 
+@compiled_for_reading
 def signature_distance(query: Bytes, stored: Bytes) -> Ints:
     """Compute L1 distances between one signature and c others, shape (c,).
+
+    A sum over at most 257 bytes fits 16 bits, which takes a third of the time.
 
     Parameters
     ----------
     query : uint8, shape (SIGNATURE_BYTES,)
     stored : uint8, shape (c, SIGNATURE_BYTES)
     """
-    return _sums(constant(query), constant(stored))
-
-
-@compiled
-def _sums(query: Bytes, stored: Bytes) -> Ints:
-    """Compute L1 distances. A sum over at most 257 bytes fits 16 bits, which takes a third of the time."""
     sums = np.empty(len(stored), dtype=np.int64)
     for i in range(len(stored)):
         total = np.uint16(0)

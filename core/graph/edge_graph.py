@@ -8,7 +8,7 @@ from core.graph.bridges import component_bridges
 from core.mesh.edges import HalfEdges, edge_lengths, half_edges, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 
 MOST_FACES = 6
@@ -36,39 +36,22 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
     lengths : float64, shape (d,)
     """
     sides = sides or half_edges(faces)
-    few = np.minimum(sides.face_counts, MOST_FACES + 1)
-    most = int((few * (few - 1) // 2).sum())
-    ends, lengths = np.empty((most, 2), dtype=np.int64), np.empty(most)
-    total = _diagonals(
-        constant(vertices),
-        constant(faces[:, [2, 0, 1]].ravel()[sides.order]),
-        constant(sides.edges),
-        constant(sides.first),
-        constant(sides.face_counts),
-        TIE,
-        ends,
-        lengths,
-    )
-    return ends[:total], lengths[:total]
+    opposite = faces[:, [2, 0, 1]].ravel()[sides.order]
+    return _diagonals(vertices, opposite, sides.edges, sides.first, sides.face_counts, TIE)
 
 
-@compiled
+@compiled_for_reading
 def _diagonals(
-    vertices: Floats,
-    opposite: Ints,
-    edges: Ints,
-    first: Ints,
-    face_counts: Ints,
-    tie: float,
-    ends: Ints,
-    lengths: Floats,
-) -> int:
-    """Fill the ends and lengths of the diagonals across each edge; return their number.
+    vertices: Floats, opposite: Ints, edges: Ints, first: Ints, face_counts: Ints, tie: float
+) -> tuple[Ints, Floats]:
+    """Return the ends and lengths of the diagonals across each edge.
 
     `opposite`, shape (3 f,), has the opposite corners of the faces at each edge, edge after edge. `tie` is
     `core.mesh.ordering.TIE`, an argument since the compiler's cache does not notice changes of other files.
     """
-    total = 0
+    few = np.minimum(face_counts, MOST_FACES + 1)
+    most = (few * (few - 1) // 2).sum()
+    ends, lengths, total = np.empty((most, 2), dtype=np.int64), np.empty(most), 0
     axis, along, up = np.empty(3), np.empty(MOST_FACES), np.empty(MOST_FACES)
     for e in range(len(edges)):
         count, start = face_counts[e], first[e]
@@ -99,7 +82,7 @@ def _diagonals(
                     ends[total, 0], ends[total, 1] = opposite[start + j], opposite[start + k]
                     lengths[total] = np.hypot(along[k] - along[j], height)
                     total += 1
-    return total
+    return ends[:total], lengths[:total]
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:

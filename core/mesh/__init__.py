@@ -4,6 +4,7 @@ Vertices and faces in; a clean, closed and evenly meshed surface in its normal f
 """
 
 __all__ = [
+    "box_tree",
     "cleaning",
     "edges",
     "mesh",

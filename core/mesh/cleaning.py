@@ -10,7 +10,7 @@ from core.errors import DegenerateMeshError
 from core.mesh.edges import component_labels, starts_of
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import canonical_order
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 
 MERGE_TOLERANCE = 1e-7
@@ -58,11 +58,6 @@ def vertex_areas(vertices: Floats, faces: Ints) -> Floats:
     return np.bincount(faces.ravel(), weights=third, minlength=len(vertices)).astype(np.float64)
 
 
-def face_areas(vertices: Floats, faces: Ints) -> Floats:
-    """Return the area of each face, shape (f,)."""
-    return _face_areas(constant(vertices), constant(faces))
-
-
 def component_areas(mesh: Mesh) -> Floats:
     """Return the area of the connected component of each vertex, shape (n,)."""
     count, part = component_labels(len(mesh.vertices), mesh.faces)
@@ -70,8 +65,9 @@ def component_areas(mesh: Mesh) -> Floats:
     return np.asarray(np.bincount(part[mesh.faces[:, 0]], weights=areas, minlength=count)[part])
 
 
-@compiled
-def _face_areas(vertices: Floats, faces: Ints) -> Floats:
+@compiled_for_reading
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Return the area of each face, shape (f,)."""
     areas = np.empty(len(faces))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -90,6 +86,7 @@ def _face_areas(vertices: Floats, faces: Ints) -> Floats:
     return areas
 
 
+@compiled_for_reading
 def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     """Return the area-weighted centroid of the surface, shape (3,).
 
@@ -100,11 +97,6 @@ def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     areas : float64, shape (f,)
         Areas of the faces; their sum is > 0.
     """
-    return _centroid(constant(vertices), constant(faces), areas)
-
-
-@compiled
-def _centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     total = 0.0
     centre = np.zeros(3)
     for f in range(len(faces)):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 
 
@@ -49,13 +49,9 @@ def half_edges(faces: Ints) -> HalfEdges:
     return HalfEdges(order, low, high, first=np.flatnonzero(starts_of(low, high)))
 
 
+@compiled_for_reading
 def edge_lengths(vertices: Floats, edges: Ints) -> Floats:
     """Return the lengths of edges, shape (e,), between vertices, shape (n, 3)."""
-    return _lengths(constant(vertices), constant(edges))
-
-
-@compiled
-def _lengths(vertices: Floats, edges: Ints) -> Floats:
     lengths = np.empty(len(edges))
     for edge in range(len(edges)):
         total = 0.0
@@ -80,26 +76,7 @@ def starts_of(*columns: Ints) -> NDArray[np.bool_]:
     return new
 
 
-@compiled
-def _join(cells: Ints, root: Ints) -> None:
-    """Set `root` of each vertex to the first vertex of its component, by union-find."""
-    for f in range(len(cells)):
-        for side in range(cells.shape[1] - 1):
-            a, b = cells[f, side], cells[f, side + 1]
-            while root[a] != a:
-                root[a] = root[root[a]]
-                a = root[a]
-            while root[b] != b:
-                root[b] = root[root[b]]
-                b = root[b]
-            if a < b:
-                root[b] = a
-            else:
-                root[a] = b
-    for v in range(len(root)):
-        root[v] = root[root[v]]
-
-
+@compiled_for_reading
 def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
     """Return the connected components of the vertices, linked by edges or by the edges of faces.
 
@@ -117,10 +94,30 @@ def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
     int64, shape (n,)
         Component of each vertex; components are numbered by their first vertices.
     """
+    # Union-find: the root of a component is its first vertex.
     root = np.arange(count)
-    _join(constant(cells), root)
-    first = root == np.arange(count)
-    return int(first.sum()), (np.cumsum(first) - 1)[root]
+    for f in range(len(cells)):
+        for side in range(cells.shape[1] - 1):
+            a, b = cells[f, side], cells[f, side + 1]
+            while root[a] != a:
+                root[a] = root[root[a]]
+                a = root[a]
+            while root[b] != b:
+                root[b] = root[root[b]]
+                b = root[b]
+            if a < b:
+                root[b] = a
+            else:
+                root[a] = b
+    number, labels = 0, np.empty(count, dtype=np.int64)
+    for v in range(count):
+        root[v] = root[root[v]]
+        if root[v] == v:
+            labels[v] = number
+            number += 1
+        else:
+            labels[v] = labels[root[v]]
+    return number, labels
 
 
 def boundary_edges(sides: HalfEdges) -> Ints:

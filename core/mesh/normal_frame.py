@@ -10,7 +10,7 @@ from core.arrays import Floats, Ints
 from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE, independent_weights
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 
 Complexes = NDArray[np.complex128]
 
@@ -64,11 +64,11 @@ def _mean_power(values: Floats | Complexes, faces: Ints, areas: Floats, order: i
     The mean is exact on planar faces, so it does not depend on the tessellation: over one triangle it is
     2 / ((m + 1)(m + 2)) times the complete homogeneous symmetric polynomial of degree m of the three values.
     """
-    total = _power_sum(values.astype(np.complex128), constant(faces), areas, order)
+    total = _power_sum(values.astype(np.complex128), faces, areas, order)
     return complex(2.0 / ((order + 1) * (order + 2)) * total / areas.sum())
 
 
-@compiled
+@compiled_for_reading
 def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.complex128:
     """Return the sum over the faces of area times the symmetric polynomial."""
     total = np.complex128(0.0)
@@ -86,11 +86,11 @@ def _power_sum(values: Complexes, faces: Ints, areas: Floats, order: int) -> np.
 
 def second_moments(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     """Return the mean of p p^T over the surface, exact on planar faces, shape (3, 3)."""
-    upper = _second_sum(constant(vertices), constant(faces), areas)
+    upper = _second_sum(vertices, faces, areas)
     return np.asarray((upper + upper.T - np.diag(np.diag(upper))) / (12.0 * areas.sum()))
 
 
-@compiled
+@compiled_for_reading
 def _second_sum(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
     """Return the upper triangle of 12 times the sum over faces of area times the mean of p p^T."""
     second = np.zeros((3, 3))

@@ -4,7 +4,7 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.mesh.edges import edge_lengths
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 
 TIE = 1e-5
@@ -51,7 +51,7 @@ def _refined_ranks(ranks: Ints, values: Floats, tolerance: float = TIE) -> Ints:
     return result
 
 
-@compiled
+@compiled_for_reading
 def _from_neighbours(faces: Ints, lengths: Floats, weights: Floats) -> Floats:
     """Return sums over the sides at each vertex of length times weight of the other end, shape (n,)."""
     sums = np.zeros(len(weights))
@@ -88,7 +88,6 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
     ranks = tied_ranks(np.linalg.norm(vertices - centre, axis=1))
     if count > MOST_VERTICES:
         return np.argsort(ranks, kind="stable")
-    vertices, faces = constant(vertices), constant(faces)
     sides = np.stack([faces, faces[:, [1, 2, 0]]], axis=2)
     lengths = edge_lengths(vertices, sides.reshape(-1, 2)).reshape(-1, 3)
     lengths /= lengths.max()

@@ -18,7 +18,7 @@ from core.mesh.mesh import Mesh, face_normals
 from core.mesh.normal_frame import NormalFrame, normal_frame
 from core.mesh.simplification import CONNECTED, simplify
 from core.mesh.subdivision import refine
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 from core.parameters import MeshParameters
 
 SHRINK, GROW = 0.5, -0.53
@@ -154,6 +154,7 @@ def fill_holes(mesh: Mesh, most: float) -> Mesh:
     return Mesh(np.concatenate([mesh.vertices, middles[closed]]), np.concatenate([mesh.faces, fans]))
 
 
+@compiled_for_reading
 def neighbour_means(edges: Ints, values: Floats) -> Floats:
     """Return means of vertex values over the neighbours of each vertex, shape (n, 3); 0 without neighbours.
 
@@ -163,11 +164,6 @@ def neighbour_means(edges: Ints, values: Floats) -> Floats:
         The distinct edges.
     values : float64, shape (n, 3)
     """
-    return _means(edges, constant(values))
-
-
-@compiled
-def _means(edges: Ints, values: Floats) -> Floats:
     counts = np.zeros(len(values))
     for edge in range(len(edges)):
         counts[edges[edge, 0]] += 1.0
@@ -240,10 +236,10 @@ def nearest_vertices(vertices: Floats, points: Floats) -> Ints:
     """
     if len(vertices) <= MOST_IN_TREE:
         return np.asarray(cKDTree(vertices).query(points)[1])
-    return _first_nearest(constant(vertices), constant(points.T))
+    return _first_nearest(vertices, points.T)
 
 
-@compiled
+@compiled_for_reading
 def _first_nearest(vertices: Floats, columns: Floats) -> Ints:
     """Return the first vertex of least distance from each point; points are columns, shape (3, p)."""
     least = np.full(columns.shape[1], np.inf)

@@ -8,7 +8,7 @@ from core.arrays import Floats, Ints
 from core.errors import ParameterError
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled, compiled_for_reading
 
 MOST_WORK = 1e8
 """The work of quadric collapses grows as the sum of the squared valences. Above this number (some seconds)
@@ -177,11 +177,11 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
     """
     if len(points) <= most:
         return points, faces
-    weights, quadrics = np.ones(len(points)), _quadrics(constant(points), constant(faces))
+    weights, quadrics = np.ones(len(points)), _quadrics(points, faces)
     longest = 4.0 / np.sqrt(3.0) * float(face_areas(points, faces).sum()) / most
     held = True
     while len(points) > most:
-        contracted = _contracted(constant(points), weights, quadrics, constant(faces), longest, held)
+        contracted = _contracted(points, weights, quadrics, faces, longest, held)
         if len(contracted[0]) <= SLOWEST * len(points) and len(contracted[3]) > 0:
             points, weights, quadrics, faces = contracted
         elif held:
@@ -191,7 +191,7 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
     return points, faces
 
 
-@compiled
+@compiled_for_reading
 def _quadrics(points: Floats, faces: Ints) -> Floats:
     """Return the quadric of each vertex, shape (n, 9): its faces' planes, weighted by twice their areas.
 
@@ -238,7 +238,7 @@ def _inside(count: int, faces: Ints) -> NDArray[np.bool_]:
     return inside
 
 
-@compiled
+@compiled_for_reading
 def _contracted(
     points: Floats, weights: Floats, quadrics: Floats, faces: Ints, longest: float, held: bool
 ) -> tuple[Floats, Floats, Floats, Ints]:

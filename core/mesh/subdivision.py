@@ -7,7 +7,7 @@ from core.mesh.cleaning import face_areas
 from core.mesh.edges import edge_lengths, half_edges
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled, compiled_for_reading
 
 PASSES = 24
 """Largest number of passes. Each pass halves long edges; 24 suffice for edges a million times the target."""
@@ -42,10 +42,10 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
     vertices : float64, shape (n, 3)
         The midpoints included.
     """
-    return _split(constant(faces), middle, constant(vertices), TIE)
+    return _split(faces, middle, vertices, TIE)
 
 
-@compiled
+@compiled_for_reading
 def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
     """Return faces in blocks: the uncut ones, then the pieces of those with 1, 2 and 3 midpoints."""
     counts = np.zeros(4, dtype=np.int64)

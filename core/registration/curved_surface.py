@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.mesh.box_tree import TriangleTree, triangle_tree
 from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh, face_normals
-from core.sampling.triangle_tree import TriangleTree, triangle_tree
 
 ON_EDGE = 1e-9
 """Barycentric coordinate of a corner below which a point lies on the opposite edge."""

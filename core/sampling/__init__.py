@@ -7,5 +7,4 @@ __all__ = [
     "lewis_weights",
     "sampling",
     "surface_samples",
-    "triangle_tree",
 ]

@@ -7,11 +7,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.mesh.box_tree import closest_on_triangles
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import normal_frame
-from core.numerics.compilation import compiled, constant
-from core.sampling.triangle_tree import closest_on_triangles
+from core.numerics.compilation import constant
 
 POINTS, MOST, REPRESENTATIVES, NEIGHBOURS = 4000, 40_000, 500, 8
 """Least and largest number of sample points, number of representatives, and number of candidate faces.
@@ -113,17 +113,7 @@ def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, I
         Number of points.
     """
     shares, faces = evenly_spread_shares(areas, count)
-    return _weighted_corners(constant(shares), constant(corners), constant(faces)), faces
-
-
-@compiled
-def _weighted_corners(shares: Floats, corners: Floats, faces: Ints) -> Floats:
-    points = np.zeros((len(faces), 3))
-    for p in range(len(faces)):
-        for corner in range(3):
-            for axis in range(3):
-                points[p, axis] += shares[p, corner] * corners[faces[p], corner, axis]
-    return points
+    return np.einsum("pc,pcx->px", shares, corners[faces]), faces
 
 
 def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:

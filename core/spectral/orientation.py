@@ -12,7 +12,7 @@ import numpy as np
 from core.arrays import Floats, Int8s, Ints
 from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled_for_reading
 
 ORIENTED = 6
 """Number of coordinates whose signed areas are computed; the lowest are the most stable ones."""
@@ -61,6 +61,7 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
     return np.asarray(signs[component])
 
 
+@compiled_for_reading
 def signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
     """Return the signed areas of the images of regions in the planes of all pairs of functions.
 
@@ -81,27 +82,22 @@ def signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, c
     float64, shape (count, k (k - 1) / 2)
         For each region the entries below the diagonal of its antisymmetric matrix, row by row.
     """
-    return _signed_areas(constant(functions), constant(faces), constant(signs), constant(regions), count)
-
-
-@compiled
-def _signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
     k = functions.shape[1]
-    found = np.zeros((count, k * (k - 1) // 2))
+    areas = np.zeros((count, k * (k - 1) // 2))
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         share = signs[f] / 6.0
-        at = 0
+        pair = 0
         for i in range(k):
-            one, other = functions[b, i] - functions[a, i], functions[c, i] - functions[a, i]
+            first, second = functions[b, i] - functions[a, i], functions[c, i] - functions[a, i]
             for j in range(i):
                 area = share * (
-                    one * (functions[c, j] - functions[a, j]) - other * (functions[b, j] - functions[a, j])
+                    first * (functions[c, j] - functions[a, j]) - second * (functions[b, j] - functions[a, j])
                 )
                 for corner in range(3):
-                    found[regions[faces[f, corner]], at] += area
-                at += 1
-    return found
+                    areas[regions[faces[f, corner]], pair] += area
+                pair += 1
+    return areas
 
 
 def quantised_areas(areas: Floats) -> Int8s:

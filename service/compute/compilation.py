@@ -129,11 +129,13 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
 def _kernels() -> list[Dispatcher]:
     """Return the functions that numba compiles, of all modules that are imported."""
     modules = [module for name, module in list(sys.modules.items()) if name.startswith(("core.", "service."))]
+    values = [value for module in modules for value in list(vars(module).values())]
+    # A function with another one around it is compiled in the latter's place.
     kernels = {
-        id(value): value
-        for module in modules
-        for value in list(vars(module).values())
-        if isinstance(value, Dispatcher)
+        id(kernel): kernel
+        for value in values
+        for kernel in (value, getattr(value, "__wrapped__", None))
+        if isinstance(kernel, Dispatcher)
     }
     return list(kernels.values())
 

@@ -51,6 +51,7 @@ def nearest_both_ways(
     for c in range(k):
         for j in range(n):
             lengths[j] += targets[c, j] * targets[c, j]
+    # Squared distances of a point, and their bits; masks of a distance and of a number.
     squares = np.empty(n, dtype=np.float32)
     bits = squares.view(np.int32)
     high = np.int32(-limit)
@@ -71,6 +72,7 @@ def nearest_both_ways(
             least = min(least, np.int32(key | np.int32(j)))
             backward[j] = min(backward[j], np.int32(key | number))
         forward[i] = least & last
+    # The numbers alone.
     for j in range(n):
         backward[j] &= last
 
@@ -107,6 +109,7 @@ def nearest_columns(points: Float32s, targets: Float32s, k: int, limit: int, nea
     nearest : int32, shape (p,)
         Written.
     """
+    # Squared distances, and their bits as integers that sort alike.
     p = points.shape[1]
     squares = np.empty(p, dtype=np.float32)
     bits = squares.view(np.int32)
@@ -122,9 +125,11 @@ def nearest_columns(points: Float32s, targets: Float32s, k: int, limit: int, nea
             y = targets[c, j]
             for i in range(p):
                 squares[i] += (points[c, i] - y) * (points[c, i] - y)
+        # Its number in their last bits: the minimum brings it along.
         number = np.int32(j)
         for i in range(p):
             nearest[i] = min(nearest[i], np.int32(np.int32(bits[i] & high) | number))
+    # The numbers alone.
     last = np.int32(limit - 1)
     for i in range(p):
         nearest[i] &= last

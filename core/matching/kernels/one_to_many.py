@@ -89,6 +89,7 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
     members : int32, shape (d,)
         Written.
     """
+    # A counting sort: sizes of the regions, where they begin, and then each point to its place.
     m = len(offsets) - 1
     offsets[:] = 0
     for i in range(len(regions)):
@@ -127,6 +128,7 @@ def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
     head = data.view(np.int32)
     if len(head) < 2 or head[0] < 1 or head[1] != columns:
         return nothing
+    # The length that the numbers of points and columns ask for.
     d = np.int64(head[0])
     start = 8 + 4 * columns + 4 * d
     if len(data) != (start + d * columns + 3) // 4 * 4:
@@ -163,6 +165,7 @@ def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Match
     members = np.empty(d, dtype=np.int32)
     if not sorted_regions(regions, offsets, members):
         points = points[:0]
+    # The first samples, with splines made from them.
     samples = min(rounds.search_samples, n, len(points))
     searched = searched_columns(points, domains, dimensions, samples)
     stages = dimensions - rounds.first_dimensions + 1

@@ -58,6 +58,7 @@ def refine_map(
     float
         Correlation of the m + n pairs after the map.
     """
+    # Pairs under the map, and the map that fits them.
     m, columns = x.shape
     covariance = np.empty((columns, columns), dtype=np.float32)
     first = np.empty(blocks, dtype=np.float32)
@@ -222,6 +223,7 @@ def _effective_share(
     for i in range(m):
         if taken[matches[i]]:
             continue
+        # Column after column of the spline's value, less the partner.
         square = np.float32(0.0)
         for c in range(k):
             total = np.int32(0)

@@ -76,6 +76,7 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
     for j in range(k):
         size += squares[j]
     scale = np.float32(1.0 / math.sqrt(size)) if size > 0.0 else np.float32(0.0)
+    # X, of singular values at most 1, in two arrays by turns.
     current = rotation
     following = workspace[0]
     gram = workspace[1]
@@ -85,15 +86,17 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
             current[i, j] = matrix[i, j] * scale
     for step in range(len(steps)):
         a, b, c = steps[step]
-        # G = X^T X, then b G + c G^2, then a X + X (b G + c G^2), a vector of each row at a time.
+        # G = X^T X; as the next products, a vector of each row at a time.
         for i in range(k):
             for place in range(i * width, i * width + width, SIMD_WIDTH):
                 column = place - i * width
                 product_row(gram, place, 0.0, current, 1.0, current, i, width, k, current, column, width)
+        # The polynomial of G, without its constant.
         for i in range(k):
             for place in range(i * width, i * width + width, SIMD_WIDTH):
                 column = place - i * width
                 product_row(factor, place, b, gram, c, gram, i * width, 1, k, gram, column, width)
+        # The next X: a X + X (b G + c G^2).
         for i in range(k):
             for place in range(i * width, i * width + width, SIMD_WIDTH):
                 column = place - i * width
@@ -101,6 +104,7 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
                     following, place, a, current, 1.0, current, i * width, 1, k, factor, column, width
                 )
         current, following = following, current
+    # After an odd number of steps X is in the other array.
     if len(steps) % 2:
         for i in range(k):
             for j in range(width):
@@ -148,6 +152,7 @@ def fit_rotation(
     workspace = np.zeros((3, k, width), dtype=np.float32)
     score = 0.0
     for block in range(blocks):
+        # The block's covariance, padded to whole vectors, and its polar factor.
         low = block * k
         for i in range(k):
             for j in range(k):
@@ -156,6 +161,7 @@ def fit_rotation(
         for i in range(k):
             for j in range(k):
                 rotation[low + i, low + j] = factor[i, j]
+        # The correlation after the map.
         size = math.sqrt(max(0.0, first[block] * second[block]))
         if size > 0.0:
             score += min(1.0, trace / size) / blocks

@@ -55,6 +55,7 @@ def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k
     first = np.float32(0.0)
     second = np.float32(0.0)
     for c in range(k):
+        # Sums over the pairs of one column.
         x_sum = np.float32(0.0)
         y_sum = np.float32(0.0)
         xy = np.float32(0.0)
@@ -68,6 +69,7 @@ def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k
             xy += x * y
             xx += x * x
             yy += y * y
+        # Centred; the sign that suits the column makes its part of the cross-sum positive.
         cross += abs(xy - x_sum * y_sum / p)
         first += xx - x_sum * x_sum / p
         second += yy - y_sum * y_sum / p
@@ -120,6 +122,7 @@ def spline_search(
     # Rounds of the spline in the first dimensions, for all starts in one product.
     matched = np.empty((max(first * starts, k_all), s), dtype=np.float32)
     warped = np.empty((len(matched), s), dtype=np.float32)
+    # Rounds of all starts: the spline to the targets found, and the targets nearest to its values.
     for _ in range(start_rounds):
         for c in range(first):
             for start in range(starts):

@@ -1,4 +1,4 @@
-"""Bridges between components, compared with the plain method: k-d trees for each bit of the labels."""
+"""Bridges, compared with the plain method, k-d trees for each bit of the labels; the tree of boxes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
-from core.graph.bridges import LEAF, bridges, point_tree
+from core.graph.bridges import bridges
+from core.mesh.box_tree import LEAF, box_tree
 from core.mesh.ordering import TIE, tied_ranks
 from tests.core.shapes import rotation
 
@@ -109,25 +110,18 @@ def test_given_arrays_may_be_read_only_and_stay_as_they_are():
     np.testing.assert_array_equal(bridges(vertices, labels), expected)
 
 
-def ring(count):
-    """Coordinates that rise and then fall: the worst case of a pivot in the middle."""
-    angles = 2.0 * np.pi * np.arange(count) / count
-    return np.stack([-np.cos(angles), 0.1 * np.sin(angles), np.zeros(count)], axis=1)
-
-
 @pytest.mark.parametrize(
     "points",
-    [ring(3000), drawn(3000, 1, 1, seed=5)[0], np.ones((100, 3)), np.ones((1, 3))],
-    ids=["ring", "rounded", "coincident", "one"],
+    [drawn(3000, 1, 1, seed=5)[0], drawn(2 * LEAF + 1, 1, 9, seed=6)[0], np.ones((100, 3)), np.ones((1, 3))],
+    ids=["rounded", "three leaves", "coincident", "one"],
 )
 def test_boxes_of_a_tree_hold_its_points(points):
-    levels, order, placed, boxes = point_tree(points)
+    order, boxes = box_tree(points[:, None])
     np.testing.assert_array_equal(np.sort(order), np.arange(len(points)))
-    np.testing.assert_array_equal(placed, points[order])
-    for level in range(levels + 1):
-        bounds = np.arange((1 << level) + 1) * len(points) >> level
-        first = 1 << level
-        assert np.diff(bounds).min() > 0
-        np.testing.assert_array_equal(boxes[first : 2 * first, :3], np.minimum.reduceat(placed, bounds[:-1]))
-        np.testing.assert_array_equal(boxes[first : 2 * first, 3:], np.maximum.reduceat(placed, bounds[:-1]))
-    assert np.diff(bounds).max() <= LEAF
+    inner = len(boxes) // 2
+    for leaf, box in enumerate(boxes[inner:]):
+        inside = points[order[leaf * LEAF : (leaf + 1) * LEAF]]
+        if len(inside):
+            np.testing.assert_array_equal(box, [inside.min(axis=0), inside.max(axis=0)])
+    np.testing.assert_array_equal(boxes[:inner, 0], np.minimum(boxes[1::2, 0], boxes[2::2, 0]))
+    np.testing.assert_array_equal(boxes[:inner, 1], np.maximum(boxes[1::2, 1], boxes[2::2, 1]))

@@ -7,12 +7,12 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize
 
 from core.gallery import make_shape
+from core.mesh.box_tree import closest_on_triangles
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.registration.curved_surface import CurvedSurface, curved_surface
 from core.registration.similarity import best_similarity
 from core.sampling.surface_samples import closest_points, surface_samples
-from core.sampling.triangle_tree import closest_on_triangles
 
 
 def orthogonal(seed: int, sign: int) -> np.ndarray:

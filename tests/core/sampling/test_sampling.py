@@ -7,6 +7,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from core.graph.edge_graph import edge_graph
 from core.graph.geodesics import farthest_points
+from core.mesh.box_tree import closest_on_triangles, triangle_tree
 from core.mesh.normal_frame import normal_frame
 from core.sampling.lewis_weights import lewis_weights
 from core.sampling.sampling import (
@@ -16,7 +17,6 @@ from core.sampling.sampling import (
     sort_and_cut,
     weighted_farthest_points,
 )
-from core.sampling.triangle_tree import closest_on_triangles, triangle_tree
 from tests.core.shapes import GALLERY, blob, make_shape
 
 

@@ -1,14 +1,14 @@
-"""Closest points of triangles: of a few given ones, or of a whole surface by a tree of bounding boxes."""
+"""A tree of bounding boxes: closest points of triangles, and nearest points of another component."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.numerics.compilation import compiled, constant
+from core.numerics.compilation import compiled, compiled_for_reading
 
 LEAF = 4
-"""Triangles of a leaf."""
+"""Triangles or points of a leaf."""
 
 CELLS = 1 << 20
 """Cells along each axis of the grid in which centroids are sorted."""
@@ -19,17 +19,14 @@ DEPTH = 64
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """A complete binary tree whose leaves are triangles in the order of a space-filling curve.
+    """The tree of a surface's triangles.
 
     Attributes
     ----------
     corners : float64, shape (f, 3, 3)
         Corners of the triangles.
-    order : int64, shape (f,)
-        Triangles, sorted by the Morton code of their centroid.
-    boxes : float64, shape (n, 2, 3)
-        Least and largest coordinates; node i has the children 2 i + 1 and 2 i + 2, and the last (n + 1) / 2
-        nodes are leaves.
+    order, boxes
+        See `box_tree`.
     """
 
     corners: Floats
@@ -54,18 +51,30 @@ class TriangleTree:
             The triangle that holds it.
         """
         near = np.full(len(points), self.order[0]) if guess is None else guess
-        found = _closest(
-            constant(self.corners),
-            constant(self.order),
-            constant(self.boxes),
-            constant(points),
-            constant(near),
-        )
-        return found[0], found[1]
+        return _closest(self.corners, self.order, self.boxes, points, near)
 
 
 def triangle_tree(corners: Floats) -> TriangleTree:
     """Return the tree of one or more triangles, shape (f, 3, 3)."""
+    return TriangleTree(corners, *box_tree(corners))
+
+
+def box_tree(corners: Floats) -> tuple[Ints, Floats]:
+    """Return a complete binary tree whose leaves are items in the order of a space-filling curve.
+
+    Parameters
+    ----------
+    corners : float64, shape (n, c, 3)
+        The c corners of each item, n >= 1.
+
+    Returns
+    -------
+    order : int64, shape (n,)
+        Items, sorted by the Morton code of their centroid; a leaf has `LEAF` of them.
+    boxes : float64, shape (m, 2, 3)
+        Least and largest coordinates; node i has the children 2 i + 1 and 2 i + 2, and the last (m + 1) / 2
+        nodes are leaves.
+    """
     centroids = corners.mean(axis=1)
     low = centroids.min(axis=0)
     span = max(float((centroids.max(axis=0) - low).max()), float(np.finfo(np.float64).tiny))
@@ -74,20 +83,15 @@ def triangle_tree(corners: Floats) -> TriangleTree:
     leaves = 1 << max(0, int(np.ceil(np.log2(len(order) / LEAF))))
     padded = np.minimum(np.arange(leaves * LEAF), len(order) - 1)
     sorted_corners = corners[order[padded]].reshape(leaves, -1, 3)
-    level = np.stack([sorted_corners.min(axis=1), sorted_corners.max(axis=1)], axis=1)
-    levels = [level]
-    while len(level) > 1:
-        level = np.stack(
-            [
-                np.minimum(level[::2, 0], level[1::2, 0]),
-                np.maximum(level[::2, 1], level[1::2, 1]),
-            ],
-            axis=1,
-        )
-        levels.append(level)
-    return TriangleTree(corners, order, np.concatenate(levels[::-1]))
+    levels = [np.stack([sorted_corners.min(axis=1), sorted_corners.max(axis=1)], axis=1)]
+    while len(levels[-1]) > 1:
+        below, above = levels[-1][::2], levels[-1][1::2]
+        merged = [np.minimum(below[:, 0], above[:, 0]), np.maximum(below[:, 1], above[:, 1])]
+        levels.append(np.stack(merged, axis=1))
+    return order, np.concatenate(levels[::-1])
 
 
+@compiled_for_reading
 def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
     """Return the point closest to each of n points on some triangles, shape (n, 3).
 
@@ -101,7 +105,18 @@ def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
     points : float64, shape (n, 3)
         Finite.
     """
-    return _closest_of(constant(corners), constant(near), constant(points))
+    closest = np.empty((len(near), 3))
+    for i in range(len(near)):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        least = np.inf
+        for face in near[i]:
+            u, v = _nearest(corners, face, px, py, pz)
+            x, y, z = _point(corners, face, u, v)
+            square = (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2
+            if square < least:
+                least = square
+                closest[i, 0], closest[i, 1], closest[i, 2] = x, y, z
+    return closest
 
 
 def _interleaved(cells: Ints) -> Ints:
@@ -176,23 +191,7 @@ def _point(corners: Floats, face: int, u: float, v: float) -> tuple[float, float
     return x, y, z
 
 
-@compiled
-def _closest_of(corners: Floats, near: Ints, points: Floats) -> Floats:
-    closest = np.empty((len(near), 3))
-    for i in range(len(near)):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        least = np.inf
-        for face in near[i]:
-            u, v = _nearest(corners, face, px, py, pz)
-            x, y, z = _point(corners, face, u, v)
-            square = (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2
-            if square < least:
-                least = square
-                closest[i, 0], closest[i, 1], closest[i, 2] = x, y, z
-    return closest
-
-
-@compiled
+@compiled_for_reading
 def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess: Ints) -> tuple[Floats, Ints]:
     shares = np.empty((len(points), 3))
     faces = np.zeros(len(points), dtype=np.int64)
@@ -236,3 +235,123 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
                 waiting[count], gaps[count] = child, near
                 count += 1
     return shares, faces
+
+
+@compiled
+def update_gaps(
+    vertices: Floats, order: Ints, boxes: Floats, labels: Ints, nearest: Ints, gaps: Floats
+) -> None:
+    """Update the distance from each vertex to the nearest one of another component.
+
+    Parameters
+    ----------
+    vertices : float64, shape (n, 3)
+    order, boxes
+        Their `box_tree`.
+    labels : int64, shape (n,)
+        Component of each vertex, two components or more.
+    nearest : int64, shape (n,)
+        The nearest vertex of another component, or -1; written. Searched again if that vertex is now in the
+        same component.
+    gaps : float64, shape (n,)
+        The distances; written.
+    """
+    count, inner = len(order), len(boxes) // 2
+    # The component of all vertices of a node, or -1.
+    component_of = np.empty(len(boxes), dtype=np.int64)
+    for node in range(len(boxes) - 1, -1, -1):
+        if node < inner:
+            child, sibling = component_of[2 * node + 1], component_of[2 * node + 2]
+            component_of[node] = child if child == sibling else -1
+            continue
+        start = min((node - inner) * LEAF, count - 1)
+        component_of[node] = labels[order[start]]
+        for position in range(start, min(start + LEAF, count)):
+            if labels[order[position]] != component_of[node]:
+                component_of[node] = -1
+    waiting, squares = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
+    # The search starts with what was found for the vertex before, which is close by.
+    closest = 0
+    for vertex in order:
+        label = labels[vertex]
+        if nearest[vertex] >= 0 and labels[nearest[vertex]] != label:
+            closest = nearest[vertex]
+            continue
+        x, y, z = vertices[vertex, 0], vertices[vertex, 1], vertices[vertex, 2]
+        least = _squared_distance(vertices, closest, x, y, z) if labels[closest] != label else np.inf
+        waiting[0], squares[0], top = 0, 0.0, 1
+        while top > 0:
+            top -= 1
+            node, square = waiting[top], squares[top]
+            # Down to a leaf, into the nearer of two boxes; the other one waits.
+            while node < inner and square < least:
+                near, far = 2 * node + 1, 2 * node + 2
+                square, far_square = np.inf, np.inf
+                if component_of[near] != label:
+                    square = _squared_gap(boxes, near, x, y, z)
+                if component_of[far] != label:
+                    far_square = _squared_gap(boxes, far, x, y, z)
+                if square > far_square:
+                    near, far, square, far_square = far, near, far_square, square
+                if far_square < least:
+                    waiting[top], squares[top] = far, far_square
+                    top += 1
+                node = near
+            if square >= least:
+                continue
+            # The leaf: its vertices of other components.
+            start = (node - inner) * LEAF
+            for position in range(start, min(start + LEAF, count)):
+                square = _squared_distance(vertices, order[position], x, y, z)
+                if square < least and labels[order[position]] != label:
+                    least, closest = square, order[position]
+        nearest[vertex] = closest
+        gaps[vertex] = np.sqrt(least)
+
+
+@compiled_for_reading
+def earliest_outside(
+    vertices: Floats, order: Ints, boxes: Floats, labels: Ints, centres: Ints, radii: Floats
+) -> Ints:
+    """Return the first vertex of another component within a radius of each centre, shape (m,).
+
+    Parameters
+    ----------
+    vertices, order, boxes, labels
+        As for `update_gaps`.
+    centres : int64, shape (m,)
+        Vertices.
+    radii : float64, shape (m,)
+        A vertex of another component is within each.
+    """
+    count, inner = len(order), len(boxes) // 2
+    earliest = np.full(len(centres), count)
+    waiting = np.empty(DEPTH, dtype=np.int64)
+    for i in range(len(centres)):
+        x, y, z = vertices[centres[i], 0], vertices[centres[i], 1], vertices[centres[i], 2]
+        limit = radii[i] * radii[i]
+        waiting[0], top = 0, 1
+        while top > 0:
+            top -= 1
+            node = waiting[top]
+            if _squared_gap(boxes, node, x, y, z) > limit:
+                continue
+            if node < inner:
+                waiting[top], waiting[top + 1] = 2 * node + 1, 2 * node + 2
+                top += 2
+                continue
+            start = (node - inner) * LEAF
+            for vertex in order[start : min(start + LEAF, count)]:
+                if (
+                    vertex < earliest[i]
+                    and labels[vertex] != labels[centres[i]]
+                    and _squared_distance(vertices, vertex, x, y, z) <= limit
+                ):
+                    earliest[i] = vertex
+    return earliest
+
+
+@compiled
+def _squared_distance(points: Floats, point: int, x: float, y: float, z: float) -> float:
+    dx, dy, dz = x - points[point, 0], y - points[point, 1], z - points[point, 2]
+    return float(dx * dx + dy * dy + dz * dz)
