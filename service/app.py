@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
+from functools import partial
 from threading import Event
 
 from fastapi import FastAPI
@@ -93,13 +94,11 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.container = await run_in_threadpool(_start, settings, parameters, gate, metrics)
         app.state.runner = Runner(app.state.container)
         app.state.runner.start()
-        cache_warmer = CacheWarmer(app.state.container)
-        cache_warmer.start()
-        works = [keep_purging]
+        works = [CacheWarmer(app.state.container).run(), keep_purging(app.state.container)]
         # Judging reads all signatures into memory, which this setting avoids.
         if settings.duplicates_in_background and settings.signatures == "memory":
-            works.append(keep_judging)
-        beside = [asyncio.create_task(work(app.state.container)) for work in works]
+            works.append(keep_judging(app.state.container))
+        beside = [asyncio.create_task(work) for work in works]
         metrics.watch(
             "job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.active_members
         )
@@ -109,7 +108,6 @@ def create_app(settings: Settings) -> FastAPI:
             for task in beside:
                 task.cancel()
             await asyncio.gather(*beside, return_exceptions=True)
-            await cache_warmer.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.container)
 
@@ -175,9 +173,8 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         pool,
         readers,
         settings.limits,
-        read_seconds=settings.read_seconds,
-        workers=settings.workers,
-        waiting=settings.queue_length,
+        settings.read_seconds,
+        room=settings.workers + settings.queue_length,
         compiling=lambda: not (settings.scheduler or pool.pids() or is_compiled(parameters)),
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
@@ -213,10 +210,9 @@ def _watch(
         ("workers", "Worker processes by what they do.", pool),
         ("readers", "Processes that read uploads by what they do.", readers),
     ):
-        watch(name, about, processes.idle, state="idle")
-        watch(name, about, processes.busy, state="busy")
-        watch(name, about, processes.starting, state="starting")
-    watch("tasks_waiting", "Tasks that no worker has taken yet.", pool.waiting)
+        for state in ("idle", "busy", "starting"):
+            watch(name, about, partial(_count, processes, state), state=state)
+    watch("tasks_waiting", "Tasks that no worker has taken yet.", partial(_count, pool, "waiting"))
     watch(
         "indexed_shapes",
         "Shapes whose signatures are in memory, as of the last query.",
@@ -225,6 +221,11 @@ def _watch(
     watch(
         "rows_bytes", "Memory of the match records and points in the caches.", lambda: pipelines.cached_bytes
     )
+
+
+def _count(processes: Executor, state: str) -> int:
+    count: int = getattr(processes.counts(), state)
+    return count
 
 
 def _stop(container: Container) -> None:

@@ -233,14 +233,7 @@ def _working(settings: Settings, parameters: Parameters) -> Iterator[RequestQueu
     """Worker processes for this command."""
     workers, readers = start_executors(settings, parameters)
     try:
-        yield RequestQueue(
-            workers,
-            readers,
-            settings.limits,
-            read_seconds=settings.read_seconds,
-            workers=settings.workers,
-            waiting=0,
-        )
+        yield RequestQueue(workers, readers, settings.limits, settings.read_seconds, settings.workers)
     finally:
         readers.kill()
         workers.kill()

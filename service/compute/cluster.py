@@ -20,7 +20,7 @@ from distributed import Client, get_worker
 from distributed.scheduler import KilledWorker
 
 from core.parameters import Parameters
-from service.compute.pool import LocalPool
+from service.compute.pool import LocalPool, WorkerCounts
 from service.errors import ClusterUnavailableError, TaskTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 
@@ -111,21 +111,15 @@ class ClusterPool(Executor):
         """Return the process ids of the warm workers, each on its machine."""
         return list(self._pids.values())
 
-    def idle(self) -> int:
-        """Return the number of tasks that could start at once."""
-        return max(0, sum(self._threads.values()) - len(self._open))
-
-    def busy(self) -> int:
-        """Return the number of running tasks of this service, if no other service uses the cluster."""
-        return min(sum(self._threads.values()), len(self._open))
-
-    def starting(self) -> int:
-        """Return the number of workers that are not warm yet."""
-        return len(self._threads.keys() - self._pids.keys())
-
-    def waiting(self) -> int:
-        """Return the least number of tasks of this service that wait for a worker."""
-        return max(0, len(self._open) - sum(self._threads.values()))
+    def counts(self) -> WorkerCounts:
+        """Return the counts of this service's tasks, as if no other service used the cluster."""
+        threads, tasks = sum(self._threads.values()), len(self._open)
+        return WorkerCounts(
+            idle=max(0, threads - tasks),
+            busy=min(threads, tasks),
+            starting=len(self._threads.keys() - self._pids.keys()),
+            waiting=max(0, tasks - threads),
+        )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more tasks, wait for the accepted tasks or cancel them, and disconnect."""

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from core.parameters import Parameters
 from service.compute import sandbox
 from service.compute.compilation import COMPILING_SECONDS, is_compiled, warm_once_compiled
-from service.compute.pool import LocalPool
+from service.compute.pool import LocalPool, WorkerCounts
 from service.compute.processes import START_SECONDS
 from service.compute.reader_answers import largest_size
 from service.observability.logging import get_logger
@@ -29,17 +29,8 @@ class Executor(Protocol):
     def pids(self) -> list[int]:
         """Return the process ids of the warm workers, each on its machine."""
 
-    def idle(self) -> int:
-        """Return the number of tasks that could start at once."""
-
-    def busy(self) -> int:
-        """Return the number of running tasks."""
-
-    def starting(self) -> int:
-        """Return the number of workers that are not warm yet."""
-
-    def waiting(self) -> int:
-        """Return the number of tasks that no worker has taken yet."""
+    def counts(self) -> WorkerCounts:
+        """Return the numbers of workers by their state, and of waiting tasks."""
 
     def kill(self) -> None:
         """Shut down at once, without waiting for running tasks."""

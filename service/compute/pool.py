@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from service.compute.processes import START_SECONDS, ProcessStart, WorkerProcess
+from service.compute.processes import START_SECONDS, WorkerProcess
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import get_logger
 
@@ -35,6 +36,19 @@ CAUSES = {
     TaskTimeLimitError: "time-limit",
     TaskGivenUpError: "given-up",
 }
+
+
+@dataclass(frozen=True)
+class WorkerCounts:
+    """Numbers of workers that could start a task at once, that have one and that are not warm yet.
+
+    `waiting` is the number of tasks that no worker has taken yet.
+    """
+
+    idle: int
+    busy: int
+    starting: int
+    waiting: int
 
 
 class Task(Future[Any]):
@@ -82,7 +96,7 @@ class WorkerSlot(threading.Thread):
         self._last_alone = each and each - max(1, round(AHEAD * each))
         self._tasks_done = 0
         self._process: WorkerProcess | None = None
-        self._next: ProcessStart | None = None
+        self._next: WorkerProcess | None = None
 
     @property
     def busy(self) -> bool:
@@ -101,10 +115,8 @@ class WorkerSlot(threading.Thread):
             task = self._pool.tasks.get()
             if task is None:
                 self._empty()
-                self.stop_starting()
-                process = self._next.take() if self._next else None
-                if process is not None:
-                    process.end()
+                if self._next is not None:
+                    self._next.end()
                 return
             if task.set_running_or_notify_cancel():
                 self.task = task
@@ -126,13 +138,7 @@ class WorkerSlot(threading.Thread):
             self.renewing = True
             self._empty()
         elif self._next is None and self._tasks_done == self._last_alone:
-            self._next = self._start_next()
-
-    def stop_starting(self) -> None:
-        """Kill a process that is still warming up."""
-        starting = self._next
-        if starting is not None:
-            starting.kill()
+            self._start_next()
 
     def stop_working(self) -> None:
         """Kill the process with its running task."""
@@ -173,22 +179,36 @@ class WorkerSlot(threading.Thread):
         return self._process
 
     def _fill(self) -> bool:
-        """Fill the slot with a warm process; False if none started."""
-        if self._next is None:
-            self._next = self._start_next()
-        self._process = self._next.take()
-        self._next = None
-        if self._process is not None:
-            self._tasks_done = 0
-            self.pid = self._process.pid
+        """Fill the slot with a warm process; return whether one started."""
+        if self._next is None and not self._pool.abandoned.is_set():
+            self._start_next()
+        if self._next is not None:
+            try:
+                self._next.receive(self._pool.start_seconds, self._pool.abandoned.is_set)
+            except Exception as error:
+                self._end_next(error)
+            else:
+                self._process, self._next, self._tasks_done = self._next, None, 0
+                self.pid = self._process.pid
         self.renewing = False
         return self._process is not None
 
-    def _start_next(self) -> ProcessStart:
-        pool = self._pool
-        return ProcessStart(
-            pool.warm, pool.abandoned, seconds=pool.start_seconds, answer_bytes=pool.answer_bytes
-        )
+    def _start_next(self) -> None:
+        """Start the next process, which warms up by itself."""
+        try:
+            self._next = WorkerProcess(answer_bytes=self._pool.answer_bytes)
+            self._next.send(self._pool.warm, ())
+        except Exception as error:
+            self._end_next(error)
+
+    def _end_next(self, error: Exception) -> None:
+        """End a process that cannot be used, and log why unless the pool has given it up."""
+        if not isinstance(error, TaskGivenUpError):
+            known = isinstance(error, WorkerLostError | TaskTimeLimitError)
+            log.error("a worker process could not be started: %s", error, exc_info=None if known else error)
+        if self._next is not None:
+            self._next.end()
+            self._next = None
 
     def _empty(self) -> None:
         self.pid = None
@@ -221,7 +241,7 @@ class LocalPool(Executor):
     warm : callable
         Called in each new process before its first task; the result is dropped.
     start_seconds : float
-        The longest time that `warm` may take; a process that exceeds it is replaced.
+        The longest wait for the end of `warm`; a process that exceeds it is replaced.
     replaced : callable
         Called in a thread of the pool whenever a task causes the replacement of its process, with the cause:
         "died", "time-limit" or "given-up".
@@ -284,21 +304,12 @@ class LocalPool(Executor):
         """Return the process ids of the warm workers."""
         return [slot.pid for slot in self._slots if slot.pid is not None]
 
-    def idle(self) -> int:
-        """Return the number of warm workers without a task."""
-        return sum(slot.pid is not None and not slot.busy for slot in self._slots)
-
-    def busy(self) -> int:
-        """Return the number of workers with a task."""
-        return sum(slot.pid is not None and slot.busy for slot in self._slots)
-
-    def starting(self) -> int:
-        """Return the number of workers that are not warm yet."""
-        return sum(slot.pid is None for slot in self._slots)
-
-    def waiting(self) -> int:
-        """Return the number of tasks in the queue."""
-        return self.tasks.qsize()
+    def counts(self) -> WorkerCounts:
+        """Return the numbers of workers by their state, and of the tasks in the queue."""
+        busy = [slot.busy for slot in self._slots if slot.pid is not None]
+        return WorkerCounts(
+            busy.count(False), sum(busy), len(self._slots) - len(busy), waiting=self.tasks.qsize()
+        )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more tasks, finish the accepted tasks (with `cancel_futures`, the running ones), end."""
@@ -307,8 +318,6 @@ class LocalPool(Executor):
         if cancel_futures:
             self.abandoned.set()
             self._cancel_waiting()
-            for slot in self._slots:
-                slot.stop_starting()
         for _ in self._slots:
             self.tasks.put(None)
         if wait:

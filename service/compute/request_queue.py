@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TypeVar, TypeVarTuple
 
 from starlette.concurrency import run_in_threadpool
@@ -58,10 +59,11 @@ class ActivityGate:
         await self._idle.wait()
 
 
+@dataclass(eq=False)
 class RequestQueue:
     """Reading, embedding and comparing shapes in worker processes.
 
-    Parameters
+    Attributes
     ----------
     executor : Executor
         Runs everything but the reading of files.
@@ -71,37 +73,19 @@ class RequestQueue:
         The limits of a file.
     read_seconds : float
         The limit of processor time for reading a file.
-    workers : int
-        The number of tasks that the executor runs at a time.
-    waiting : int
-        The number of further requests that may wait.
+    room, inside : int
+        The largest number of requests that may run or wait, and the number that do.
     compiling : callable
         Returns whether no worker can start before the kernels are compiled.
-
-    Attributes
-    ----------
-    inside, room : int
-        The number of requests that run or wait, and the largest number that may.
     """
 
-    def __init__(
-        self,
-        executor: Executor,
-        readers: Executor,
-        limits: Limits,
-        *,
-        read_seconds: float,
-        workers: int,
-        waiting: int,
-        compiling: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self._compiling = compiling
-        self._executor = executor
-        self._readers = readers
-        self._limits = limits
-        self._read_seconds = read_seconds
-        self.room = workers + waiting
-        self.inside = 0
+    executor: Executor
+    readers: Executor
+    limits: Limits
+    read_seconds: float
+    room: int
+    compiling: Callable[[], bool] = lambda: False
+    inside: int = field(default=0, init=False)
 
     @contextmanager
     def admitted(self) -> Iterator[None]:
@@ -114,7 +98,7 @@ class RequestQueue:
         CompilingError
             No worker can start yet.
         """
-        if self._compiling():
+        if self.compiling():
             raise CompilingError
         if self.inside >= self.room:
             raise BusyError(f"{self.inside} requests are at work or waiting; try again later")
@@ -128,7 +112,7 @@ class RequestQueue:
         """Read a file and embed its mesh."""
         with _at_fault():
             read = await self._reading(data, format)
-            task = self._executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
+            task = self.executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
             # The mesh goes once a worker has it.
             del read
             return await asyncio.wrap_future(task)
@@ -143,7 +127,7 @@ class RequestQueue:
 
     async def _compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         with short_of_memory(), _failures_logged():
-            return await asyncio.wrap_future(self._executor.submit(function, *arguments))
+            return await asyncio.wrap_future(self.executor.submit(function, *arguments))
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
@@ -154,12 +138,12 @@ class RequestQueue:
         """Read the distinct parts of an assembly; none if the file has one part only."""
         with _at_fault():
             answer = await self._from_reader(read_part_files, data, format)
-            return await run_in_threadpool(parts_from_bytes, answer, self._limits.distinct_parts)
+            return await run_in_threadpool(parts_from_bytes, answer, self.limits.distinct_parts)
 
     async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
-            return await asyncio.wrap_future(self._executor.submit(function, *arguments))
+            return await asyncio.wrap_future(self.executor.submit(function, *arguments))
 
     async def _reading(self, data: bytes, format: str) -> ReadMesh:
         return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))
@@ -168,7 +152,7 @@ class RequestQueue:
         self, read: Callable[[bytes, str, Limits, float], bytes], data: bytes, format: str
     ) -> bytes:
         """Return the answer of a reader, which is not trusted."""
-        reading = self._readers.submit(read, data, format, self._limits, self._read_seconds)
+        reading = self.readers.submit(read, data, format, self.limits, self.read_seconds)
         try:
             return await asyncio.wrap_future(reading)
         except WorkerCrashedError as error:

@@ -26,7 +26,7 @@ from service.search import repository as search_repository
 from service.search.caches import CandidateReader
 from service.search.likeness import find_copy, stored_surface
 from service.search.records import Candidates, Query, Surface
-from service.search.scoring import score_candidates
+from service.search.scoring import Cascade
 from service.shapes import repository as shapes_repository
 from service.storage.database import ReadSession
 
@@ -160,7 +160,7 @@ class ShapeJudge:
         candidates = Candidates(entries, shortlisted=False, stored=len(measured.shapes))
         query = Query(snapshot.record, active_pipeline=self.active_pipeline, excluded=frozenset([self.shape]))
         reader = CandidateReader(self.container, self.active_pipeline)
-        matched = await score_candidates(self.container, query, reader, candidates, "cc", len(indices))
+        matched = await Cascade(self.container, query, reader).score(candidates, len(indices))
         scores = zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True)
         return [(number, cc) for number, cc in scores if cc >= self.search.min_cc]
 

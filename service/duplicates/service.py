@@ -201,7 +201,7 @@ async def _idle(container: Container) -> None:
     """Wait until no request and no job uses the workers, judgements aside."""
     while True:
         await container.searches.until_idle()
-        busy = container.pool.busy() + container.readers.busy()
+        busy = container.pool.counts().busy + container.readers.counts().busy
         if not container.queue.inside and busy <= len(container.judging):
             return
         await asyncio.sleep(BUSY_SECONDS)

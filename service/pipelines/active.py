@@ -37,21 +37,6 @@ class ActivePipeline:
         return self.pipeline.fingerprint
 
 
-@dataclass(frozen=True)
-class Pending:
-    """The pipeline of the settings, while another one is active.
-
-    `embedded` of `files` have an embedding by this pipeline; shapes with the same bytes count as one file.
-    `message` says what `isoshape reembed` does.
-    """
-
-    name: str
-    fingerprint: str
-    embedded: int
-    files: int
-    message: str
-
-
 class Pipelines:
     """The active pipeline, as the database names it: `isoshape reembed` may change it at any time.
 
@@ -109,12 +94,11 @@ class Pipelines:
                 )
             return self._active
 
-    def pending(self, session: ReadSession) -> Pending | None:
-        """Return the wanted pipeline and its progress, or None if it is active."""
+    def pending(self, session: ReadSession) -> tuple[int, int] | None:
+        """Return how many files the wanted pipeline has embedded, of how many, or None if it is active."""
         if repository.active(session) == self.wanted.fingerprint:
             return None
-        embedded, files = repository.count_embedded(session, self.wanted.fingerprint)
-        return Pending(self.wanted.name, self.wanted.fingerprint, embedded, files, REEMBED)
+        return repository.count_embedded(session, self.wanted.fingerprint)
 
     @property
     def indexed(self) -> int:
@@ -154,19 +138,18 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
         active_pipeline = pipelines.current(session)
         if in_memory:
             active_pipeline.index.current(session)
-        pending = pipelines.pending(session)
         embedded, files = repository.count_embedded(session, active_pipeline.fingerprint)
-    parameters = active_pipeline.pipeline.parameters
-    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": active_pipeline.fingerprint}
+    parameters, wanted = active_pipeline.pipeline.parameters, pipelines.wanted
+    fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": parameters.fingerprint}
     log.info("the active pipeline of the archive", extra={"fields": fields})
-    if pending is not None:
+    if parameters.fingerprint != wanted.fingerprint:
         log.warning(
             "pipeline %s (%s) is active, not %s (%s) of the settings. %s",
             parameters.name,
-            active_pipeline.fingerprint,
-            pending.name,
-            pending.fingerprint,
-            pending.message,
+            parameters.fingerprint,
+            wanted.name,
+            wanted.fingerprint,
+            REEMBED,
         )
     if embedded < files:
         log.warning(

@@ -1,6 +1,5 @@
 """The search for the most similar stored shapes: a query in, its answer out."""
 
-import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from functools import partial
@@ -22,7 +21,6 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
-from service.search.partial import SHORTLIST_FACTOR, nearest_wholes
 from service.search.records import MatchedCandidates, Query, SearchResult, once
 from service.search.schemas import (
     LocalDifference,
@@ -34,7 +32,7 @@ from service.search.schemas import (
     pairs,
     score_in_words,
 )
-from service.search.scoring import class_log_odds, score_candidates
+from service.search.scoring import Cascade, class_log_odds, nearest_wholes
 from service.search.shortlist import find_candidates
 from service.shapes import file_service
 from service.shapes import repository as shapes_repository
@@ -168,29 +166,18 @@ async def search(
         There is too little memory, or a worker died.
     """
     query = await make_query(active_pipeline, timings)
-    reader = CandidateReader(container, active_pipeline)
-    sized = _sized(shapes, options, query.embedding.facts.area)
     rank_by: RankBy = "cc" if options.partial else options.rank_by
-    shortlist_from = container.settings.shortlist_from
-    if options.partial:
-        shortlist_from = math.ceil(SHORTLIST_FACTOR * shortlist_from)
+    reader = CandidateReader(container, active_pipeline)
+    cascade = Cascade(container, query, reader, by_log_odds=rank_by == "combined")
+    sized = _sized(shapes, options, query.embedding.facts.area)
     with timings.stage("shortlist"):
-        candidates = await run_in_threadpool(
-            find_candidates,
-            container,
-            query,
-            sized,
-            shortlist_from=None if options.exhaustive else shortlist_from,
-            by_log_odds=options.rank_by == "combined",
-        )
+        candidates = await run_in_threadpool(find_candidates, container, query, sized, options)
     container.metrics.query_compared.observe(len(candidates))
     part_distances: dict[int, float] | None = None
     if options.partial:
-        candidates, part_distances = await nearest_wholes(
-            container, query, reader, candidates, options.top_k, timings
-        )
+        candidates, part_distances = await nearest_wholes(cascade, candidates, options.top_k, timings)
     with timings.stage("compare"):
-        matched = await score_candidates(container, query, reader, candidates, rank_by, options.top_k)
+        matched = await cascade.score(candidates, options.top_k)
     with timings.stage("results"):
         best = ranked(matched, rank_by) if part_distances is None else np.arange(len(matched.cc))
         if options.min_cc is not None:
@@ -198,20 +185,18 @@ async def search(
         with short_of_memory():
             found = await run_in_threadpool(
                 _read_results,
-                container,
-                query,
-                reader,
+                cascade,
                 matched.only(best[: options.top_k]),
                 shapes.collection,
                 every_record=options.correspondences,
             )
         correspondences: list[list[Pair] | None] = [None] * len(found)
         if options.correspondences:
-            correspondences = [await _correspondence(container, query, each) for each in found]
+            correspondences = [await _correspondence(container, query, result) for result in found]
     with timings.stage("likeness"):
         results = [
-            await _result(container, query, rank, each, correspondence, part_distances)
-            for rank, (each, correspondence) in enumerate(zip(found, correspondences, strict=True), start=1)
+            await _result(container, query, rank, result, correspondence, part_distances)
+            for rank, (result, correspondence) in enumerate(zip(found, correspondences, strict=True), start=1)
         ]
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     warnings = warnings_of(query.embedding.facts.boundary_ratio)
@@ -253,18 +238,13 @@ def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFil
 
 
 def _read_results(
-    container: Container,
-    query: Query,
-    reader: CandidateReader,
-    best: MatchedCandidates,
-    collection: CollectionNumber,
-    *,
-    every_record: bool,
+    cascade: Cascade, best: MatchedCandidates, collection: CollectionNumber, *, every_record: bool
 ) -> list[SearchResult]:
     """Return the best candidates as they are shown, without one that was deleted a moment ago.
 
     The embedding is read of a result that may be a rigid copy, and of all with `every_record`.
     """
+    container, query, reader = cascade.container, cascade.query, cascade.reader
     entries = best.candidates.entries
     numbers = entries.embeddings.tolist()
     spectral = spectral_distances(query.embedding.signature, entries.signatures).tolist()

@@ -175,23 +175,12 @@ class CacheWarmer:
 
     def __init__(self, container: Container) -> None:
         self._container = container
-        self._task: asyncio.Task[None] | None = None
         # Numbers are never used again.
         self._unusable: set[int] = set()
         self._seen: tuple[str, int] | None = None
 
-    def start(self) -> None:
-        """Begin, in the running loop."""
-        self._task = asyncio.create_task(self._run(), name="cache-warmer")
-
-    async def stop(self) -> None:
-        """End after the batch at work."""
-        if self._task is not None:
-            self._task.cancel()
-            with suppress(asyncio.CancelledError):
-                await self._task
-
-    async def _run(self) -> None:
+    async def run(self) -> None:
+        """Keep the caches filled until the task is cancelled, which ends after the batch at work."""
         await self._warm()
         ready, latest = self._container.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:

@@ -4,19 +4,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from core.ranking.likeness import Likeness
-from service.search.schemas import (
-    CC,
-    COMBINED,
-    DIFFERENCE,
-    LIKENESS,
-    PAIR,
-    PIPELINE,
-    SCALE,
-    SSD,
-    LocalDifference,
-    Pair,
-)
+from service.search.schemas import PAIR, PIPELINE, Pair, PairScores
 from service.shapes.schemas import SHAPE
 
 if TYPE_CHECKING:
@@ -114,7 +102,7 @@ class CompareRequest(BaseModel):
     dense: bool | None = Field(default=None, description=DENSE)
 
 
-class CompareAnswer(DenseFields):
+class CompareAnswer(PairScores, DenseFields):
     """The scores of two shapes, and their corresponding points."""
 
     model_config = ConfigDict(
@@ -132,15 +120,6 @@ class CompareAnswer(DenseFields):
         }
     )
 
-    cc: float = Field(description=CC)
-    ssd: float = Field(description=SSD)
-    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
-    combined: float = Field(description=COMBINED)
-    likeness: Likeness = Field(description=LIKENESS)
-    scale: float | None = Field(default=None, description=SCALE.format(second="second shape", first="first"))
-    difference: LocalDifference | None = Field(
-        default=None, description=DIFFERENCE.format(first="first shape")
-    )
     correspondence: list[Pair]
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")

@@ -26,14 +26,9 @@ ReadMesh = Callable[[], Awaitable[Mesh]]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A surface to compare.
+    """A surface to compare: the record of its embedding, which workers receive, and a reader of its mesh.
 
-    Attributes
-    ----------
-    record : bytes
-        Its embedding as it is stored, and sent to workers.
-    mesh : callable or None
-        Reads its mesh; None for a surface whose likeness to others is not asked for.
+    `mesh` is None for a surface whose likeness to others is not asked for.
     """
 
     record: bytes
@@ -64,16 +59,10 @@ def once(read: ReadMesh) -> ReadMesh:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Query(Surface):
-    """The surface that is searched for.
+    """The surface that is searched for, and the pipeline that embedded it.
 
-    Attributes
-    ----------
-    active_pipeline : ActivePipeline
-        The pipeline that embedded it.
-    excluded : frozenset of int
-        The numbers of stored shapes that are left out: the query itself.
-    number : int or None
-        The number of the embedding, if it is stored.
+    `excluded` has the numbers of the stored shapes that are left out: the query itself. `number` is that of
+    the embedding, if it is stored.
     """
 
     active_pipeline: ActivePipeline
@@ -98,20 +87,11 @@ class Query(Surface):
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The shapes that a query is compared with.
+    """The shapes that a query is compared with: signatures and other short descriptors.
 
-    Attributes
-    ----------
-    entries : IndexEntries
-        Their signatures and other short descriptors.
-    shortlisted : bool
-        Whether they are a shortlist, of which only the best are matched in full.
-    stored : int
-        Number of shapes in the collection.
-    sample : CollectionSample or None
-        The sample in which local densities are measured; typical densities are used without one.
-    density : LocalDensities or None
-        Of the query, in the sample.
+    Of a shortlist (`shortlisted`), only the best are matched in full. `stored` is the number of shapes in the
+    collection. Local densities are measured in `sample`, and `density` is that of the query; without a
+    sample, typical densities are used.
     """
 
     entries: IndexEntries
@@ -131,15 +111,9 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class MatchedCandidates:
-    """Candidates and their scores with the query; each array has shape (c,).
+    """Candidates and their scores with the query (`core.embedding.Scores`); each array has shape (c,).
 
-    Attributes
-    ----------
-    candidates : Candidates
-    cc, ssd, sim : float64
-        See `core.matching`. Similar shapes have a small `ssd`, and large `cc` and `sim`.
-    log_odds : float64 or None
-        The log odds that the two shapes are of one class, if the answer is ranked by them.
+    `log_odds` that the two shapes are of one class are there if they rank the answer.
     """
 
     candidates: Candidates
@@ -163,13 +137,8 @@ class MatchedCandidates:
 class Relation:
     """The likeness of a second shape to a first one.
 
-    Attributes
-    ----------
-    likeness : Likeness
-    scale : float or None
-        Length in the second shape over length in the first, if the second is a rigid copy or a variant.
-    difference : Difference or None
-        Where a variant differs.
+    `scale` is length in the second shape over length in the first, if the second is a rigid copy or a
+    variant; `difference` is where a variant differs.
     """
 
     likeness: Likeness
@@ -181,20 +150,10 @@ class Relation:
 class SearchResult:
     """One shape of an answer, before its likeness is told.
 
-    Attributes
-    ----------
-    shape : ShapeRecord
-    surface : Surface or None
-        Its surface, if its record was read: for correspondences, or since the shape may be a rigid copy.
-    cc, ssd, sim : float
-        Its scores with the query.
-    combined : float
-        The class probability at the density of the collection's shapes.
-    probability : float
-        The greater of `combined` and the class probability at the typical density, which does not depend on
-        other stored shapes.
-    spectral : float
-        The distance of its log eigenvalues from those of the query.
+    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy.
+    `combined` is the class probability at the density of the collection's shapes. `probability` is the
+    greater of `combined` and the class probability at the typical density, which does not depend on other
+    stored shapes. `spectral` is the distance of the log eigenvalues of the shape from those of the query.
     """
 
     shape: ShapeRecord

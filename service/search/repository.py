@@ -4,7 +4,6 @@ PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.stora
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -115,36 +114,15 @@ def map_shapes(
     return ids, names, stacked(signatures).view("<f4")
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """A query of neighbours.
-
-    Attributes
-    ----------
-    vector : shape (s,)
-        The vector whose neighbours are wanted.
-    column : ColumnElement
-        The vectors.
-    operator : str
-        The distance of pgvector.
-    condition : ColumnElement, optional
-        The condition of a partial index.
-    """
-
-    vector: NDArray[np.float32] | NDArray[np.uint8]
-    column: SQLColumnExpression[Any]
-    operator: str
-    condition: SQLColumnExpression[bool] | None = None
-
-
 def nearest(
     session: ReadSession,
     fingerprint: str,
-    signature: NDArray[np.float32],
+    vector: NDArray[np.float32] | NDArray[np.uint8],
     count: int,
     *,
     shapes: ShapeFilter,
     ef_search: int | None,
+    views: bool = False,
     more: int = MORE,
 ) -> Ints:
     """Return the numbers of the shapes with the nearest signatures: `count`, or all if there are fewer.
@@ -157,47 +135,32 @@ def nearest(
         A session of a PostgreSQL database.
     fingerprint : str
         The fingerprint of the pipeline.
-    signature : float32, shape (s,)
+    vector : float32 or uint8, shape (s,)
+        A signature or, with `views`, a view signature. Distances are Euclidean or, with `views`, L1.
     count : int
         Number of shapes to return.
     shapes : ShapeFilter
         The candidates.
     ef_search : int or None
         Size of the candidate list of the HNSW search, 1 to 1,000; None selects exact search, which reads all
-        signatures. HNSW search may miss some neighbours, but always returns `count` shapes.
+        vectors. HNSW search may miss some neighbours, but always returns `count` shapes.
+    views : bool
     more : int
         Factor by which the HNSW index returns more shapes, of which the nearest `count` are chosen.
     """
-    search = _Search(signature.astype(np.float32), EmbeddingRow.signature, "<->")
-    return _nearest(session, fingerprint, search, count, shapes=shapes, ef_search=ef_search, more=more)
+    length = PgVector(len(vector))
 
+    def distances(column: SQLColumnExpression[Any]) -> Select[int, float]:
+        distance = column.op("<+>" if views else "<->", return_type=Float())
+        text_of_vector = cast(literal(vector_text(vector), String), length)
+        columns = select(ShapeRow.number.label("shape"), distance(text_of_vector).label("distance"))
+        query = _embedded(columns, fingerprint, shapes)
+        if not views:
+            return query
+        query = query.join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number)
+        return query.where(has_view_signature(len(vector)))
 
-def nearest_views(
-    session: ReadSession,
-    fingerprint: str,
-    view_signature: NDArray[np.uint8],
-    count: int,
-    *,
-    shapes: ShapeFilter,
-    ef_search: int | None,
-) -> Ints:
-    """Return neighbours as `nearest` does, by the L1 distances of view signatures, shape (v,)."""
-    search = _Search(
-        view_signature, CoarseSamplesRow.view_signature, "<+>", has_view_signature(len(view_signature))
-    )
-    return _nearest(session, fingerprint, search, count, shapes=shapes, ef_search=ef_search, more=MORE)
-
-
-def _nearest(
-    session: ReadSession,
-    fingerprint: str,
-    search: _Search,
-    count: int,
-    *,
-    shapes: ShapeFilter,
-    ef_search: int | None,
-    more: int,
-) -> Ints:
+    column = CoarseSamplesRow.view_signature if views else EmbeddingRow.signature
     if ef_search is not None:
         for name, value in (
             ("hnsw.ef_search", ef_search),
@@ -206,23 +169,17 @@ def _nearest(
         ):
             session.execute(select(func.set_config(name, str(value), True)))
         # The expression of the HNSW index, which returns rows in approximate order.
-        by_index = replace(search, column=cast(search.column, PgVector(len(search.vector))))
-        rows = _distances(fingerprint, by_index, shapes).limit(more * count).order_by(text("distance"))
+        rows = distances(cast(column, length)).limit(more * count).order_by(text("distance"))
         near = rows.cte("near").prefix_with("MATERIALIZED", dialect=POSTGRESQL)
         # PostgreSQL takes the rows of the index for sorted. Adding zero makes it sort them.
         order = near.c.distance + literal(0.0, literal_execute=True)
         query = select(near.c.shape).order_by(order, near.c.shape).limit(count)
-        neighbours = _numbers(session, query)
+        neighbours = session.execute(query).scalars().all()
         if len(neighbours) == count:
-            return neighbours
+            return np.array(neighbours, dtype=np.int64)
     # An expression without an index: PostgreSQL computes all distances.
-    exact = _distances(fingerprint, search, shapes).order_by("distance", "shape").limit(count)
-    return _numbers(session, exact)
-
-
-def _numbers(session: ReadSession, query: Select[*tuple[Any, ...]]) -> Ints:
-    """Return the first column of the rows of a query."""
-    return np.array(session.execute(query).scalars().all(), dtype=np.int64)
+    exact = distances(column).order_by("distance", "shape").limit(count)
+    return np.array(session.execute(exact).scalars().all(), dtype=np.int64)
 
 
 def has_at_least(
@@ -249,23 +206,6 @@ def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:
     """Return the numbers of a pipeline's latest embeddings, the latest first."""
     query = select(EmbeddingRow.number).where(EmbeddingRow.fingerprint == fingerprint)
     return list(session.scalars(query.order_by(EmbeddingRow.number.desc()).limit(count)))
-
-
-def _distances(fingerprint: str, search: _Search, shapes: ShapeFilter) -> Select[int, float]:
-    vector = cast(literal(vector_text(search.vector), String), PgVector(len(search.vector)))
-    query = _embedded(
-        select(
-            ShapeRow.number.label("shape"),
-            search.column.op(search.operator, return_type=Float())(vector).label("distance"),
-        ),
-        fingerprint,
-        shapes,
-    )
-    if search.condition is None:
-        return query
-    return query.join(CoarseSamplesRow, CoarseSamplesRow.embedding_number == EmbeddingRow.number).where(
-        search.condition
-    )
 
 
 def _embedded(query: Rows, fingerprint: str, shapes: ShapeFilter) -> Rows:

@@ -63,34 +63,6 @@ RESULT: dict[str, Any] = {
     "size_ratio": 1.02,
     "shape": SHAPE,
 }
-CC = (
-    "Correlation coefficient of the matched spectral coordinates, in [-1, 1]; 1 for the same shape, also in "
-    f"another pose. {CC_OF_PAIRS}"
-)
-SSD = (
-    "Root of the sum of squared differences of the same coordinates, divided by the number of pairs: 0 or "
-    "more; lower is more similar."
-)
-COMBINED = (
-    "The probability that the two shapes belong to one class, in [0, 1], from cc, the Laplace-Beltrami "
-    "spectra, global descriptors, spin images, by which one surface may be a part of the other, views, the "
-    "reliability of both meshes and the local densities of the collection. Higher is more similar. The value "
-    "of a pair depends on the other stored shapes: it is comparable within a collection. Calibrated for the "
-    "default pipeline, on collections with about one pair in 32 of one class; with fewer such pairs it is "
-    "too high."
-)
-LIKENESS = (
-    "The property in which the shapes are alike. same: a rigid copy of one size "
-    f"(to {100 * SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of both "
-    "meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, of any "
-    "size; variant: a rigid copy of any size but for a local difference. Registration, of the samples or "
-    "else of the surfaces, confirms these. pose: nearly isometric, as two "
-    f"poses of one body (the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least "
-    f"{POSE_CC}). similar: the class probability is at least "
-    f"{SIMILAR}, by combined or at the typical density of stored shapes. weak: none of these."
-)
-SCALE = "The size of the {second} over that of the {first}, if likeness is same, scaled, mirrored or variant."
-DIFFERENCE = "If likeness is variant: where the two differ, in the coordinates of the {first}."
 PAIR: dict[str, Any] = {
     "first": {"sample": 0, "vertex": 17, "position": [0.1, 0.2, 0.3]},
     "second": {"sample": 4, "vertex": 231, "position": [0.0, 0.3, 0.2]},
@@ -257,19 +229,53 @@ class LocalDifference(BaseModel):
         return None if relation.difference is None else cls.model_validate(relation.difference)
 
 
-class Result(BaseModel):
+class PairScores(BaseModel):
+    """The scores and the likeness of two shapes. The first shape of a search is the query."""
+
+    cc: float = Field(
+        description="Correlation coefficient of the matched spectral coordinates, in [-1, 1]; 1 for the same "
+        f"shape, also in another pose. {CC_OF_PAIRS}"
+    )
+    ssd: float = Field(
+        description="Root of the sum of squared differences of the same coordinates, divided by the number "
+        "of pairs: 0 or more; lower is more similar."
+    )
+    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
+    combined: float = Field(
+        description="The probability that the two shapes belong to one class, in [0, 1], from cc, the "
+        "Laplace-Beltrami spectra, global descriptors, spin images, by which one surface may be a part of "
+        "the other, views, the reliability of both meshes and the local densities of the collection. Higher "
+        "is more similar. The value of a pair depends on the other stored shapes: it is comparable within a "
+        "collection. Calibrated for the default pipeline, on collections with about one pair in 32 of one "
+        "class; with fewer such pairs it is too high."
+    )
+    likeness: Likeness = Field(
+        description="The property in which the shapes are alike. same: a rigid copy of one size "
+        f"(to {100 * SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of both "
+        "meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, of "
+        "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
+        "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
+        f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}). "
+        f"similar: the class probability is at least {SIMILAR}, by combined or at the typical density of "
+        "stored shapes. weak: none of these."
+    )
+    scale: float | None = Field(
+        default=None,
+        description="The size of the second shape over that of the first, if likeness is same, scaled, "
+        "mirrored or variant.",
+    )
+    difference: LocalDifference | None = Field(
+        default=None,
+        description="If likeness is variant: where the two differ, in the coordinates of the first shape.",
+    )
+
+
+class Result(PairScores):
     """One of the shapes most similar to the query."""
 
     model_config = ConfigDict(json_schema_extra={"example": RESULT})
 
     rank: int = Field(description="1 for the most similar shape.")
-    cc: float = Field(description=CC)
-    ssd: float = Field(description=SSD)
-    sim: float = Field(description="Share of the points with an effective correspondence, in [0, 1].")
-    combined: float = Field(description=COMBINED)
-    likeness: Likeness = Field(description=LIKENESS)
-    scale: float | None = Field(default=None, description=SCALE.format(second="shape", first="query"))
-    difference: LocalDifference | None = Field(default=None, description=DIFFERENCE.format(first="query"))
     part_distance: float | None = Field(
         default=None,
         description="With partial: the distance of the query's spin images from the nearest spin images of "

@@ -7,28 +7,33 @@ Each step passes the best on. The first two run for a shortlist only.
 import asyncio
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
+from inspect import iscoroutinefunction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Floats, Ints
-from core.descriptors.partial import is_part
+from core.arrays import Float32s, Floats, Ints
+from core.descriptors.partial import is_part, part_distances, whole_spin_images
 from core.descriptors.registry import ShapeDescriptors
+from core.descriptors.spin_images import KEYPOINTS
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
+from core.parameters import Parameters
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, differences_of
 from core.ranking.reranking import coarse_ranking, rerank
 from core.ranking.shortlist import least
 from service.compute.request_queue import short_of_memory
+from service.compute.tasks import part_of_mesh
 from service.container import Container
 from service.observability.logging import get_logger
+from service.observability.timings import Timings
 from service.search.caches import CandidateReader
 from service.search.records import Candidates, MatchedCandidates, Query
-from service.search.schemas import RankBy
 from service.search.shortlist import coarse_log_odds
 
 log = get_logger("search")
@@ -45,55 +50,183 @@ PART_FACTOR = 2
 since the log odds depend mostly on spin images."""
 
 
-async def score_candidates(
-    container: Container,
-    query: Query,
-    reader: CandidateReader,
-    candidates: Candidates,
-    rank_by: RankBy,
-    top_k: int,
-) -> MatchedCandidates:
-    """Match the candidates, each embedding once; of a shortlist, only the best of the earlier stages.
+@dataclass(frozen=True, eq=False)
+class Cascade:
+    """The stages that score the candidates of one query.
 
-    Deleted and unreadable candidates are left out. The matches have log odds if these rank the answer.
-
-    Parameters
-    ----------
-    rank_by : RankBy
-        The score that ranks the answer. Approximate CC stands for cc, ssd and sim in the earlier stages.
-    top_k : int
-        The number of results; the full match has as many more candidates as the setting of finalists says.
+    `by_log_odds` says whether log odds rank the answer. Otherwise approximate CC stands for cc, ssd and sim
+    in the stages before the full match.
     """
-    by_log_odds, settings = rank_by == "combined", container.settings
-    has_records = query.active_pipeline.pipeline.matcher.uses_match_records
-    with container.searches.running():
-        record = await run_in_threadpool(_match_record, query) if has_records else None
-        if record is not None and candidates.shortlisted:
-            finalists = settings.finalists + top_k
-            reranked = max(settings.reranked, finalists)
-            if by_log_odds and is_part(query.spin_images):
-                reranked *= PART_FACTOR
-            if reranked < len(candidates):
-                candidates = await _rank_coarsely(
-                    container, query, record, candidates, reranked, by_log_odds=by_log_odds
-                )
-            if finalists < len(candidates):
-                candidates = await _rerank(
-                    container, query, reader, record, candidates, finalists, by_log_odds=by_log_odds
-                )
-        if record is not None:
-            match = partial(_match, query, reader, record, candidates, by_log_odds)
-            scores = await by_embedding(container, candidates, match, MATCH_BATCH, 4)
-        else:
-            match_in_worker = partial(_match_in_worker, container, query, reader, candidates, by_log_odds)
-            scores = await by_embedding(
-                container, candidates, match_in_worker, PROCESS_BATCH, 4, on_threads=False
-            )
-    known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
-    if not known.all():
-        log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
-    cc, ssd, sim, log_odds = scores
-    return MatchedCandidates(candidates, cc, ssd, sim, log_odds if by_log_odds else None).only(known)
+
+    container: Container
+    query: Query
+    reader: CandidateReader
+    by_log_odds: bool = False
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters of the query's pipeline."""
+        return self.query.active_pipeline.pipeline.parameters
+
+    async def score(self, candidates: Candidates, top_k: int) -> MatchedCandidates:
+        """Match the candidates, each embedding once; of a shortlist, only the best of the earlier stages.
+
+        The full match has as many more candidates than `top_k` as the setting of finalists says. Deleted and
+        unreadable candidates are left out. The matches have log odds if these rank the answer.
+        """
+        with self.container.searches.running():
+            if self.query.active_pipeline.pipeline.matcher.uses_match_records:
+                record = await run_in_threadpool(self._match_record)
+                if candidates.shortlisted:
+                    candidates = await self._finalists(record, candidates, top_k)
+                match: Callable[[Ints], Any] = partial(self._match, record, candidates)
+                length = MATCH_BATCH
+            else:
+                match, length = partial(self._match_in_worker, candidates), PROCESS_BATCH
+            scores = await in_batches(self.container, match, candidates.entries.embeddings, length)
+        known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
+        if not known.all():
+            log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
+        cc, ssd, sim, log_odds = scores
+        return MatchedCandidates(candidates, cc, ssd, sim, log_odds if self.by_log_odds else None).only(known)
+
+    def _match_record(self) -> Float32s:
+        """Return the match record of the query, cached if the query is a stored shape."""
+        query = self.query
+        cached = {} if query.number is None else query.active_pipeline.cache.get([query.number])
+        return (
+            cached[query.number] if query.number in cached else match_record(query.embedding, self.parameters)
+        )
+
+    async def _finalists(self, record: Float32s, candidates: Candidates, top_k: int) -> Candidates:
+        """Return the candidates of a shortlist that are matched in full."""
+        settings = self.container.settings
+        finalists = settings.finalists + top_k
+        reranked = max(settings.reranked, finalists)
+        if self.by_log_odds and is_part(self.query.spin_images):
+            reranked *= PART_FACTOR
+        if reranked < len(candidates):
+            candidates = await self._rank_coarsely(record, candidates, reranked)
+        if finalists < len(candidates):
+            candidates = await self._rerank(record, candidates, finalists)
+        return candidates
+
+    async def _rank_coarsely(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
+        """Return the best candidates by coarse samples, and by coarse log odds if these rank the answer."""
+        entries = candidates.entries
+
+        def rank(rows: Ints) -> Floats:
+            return coarse_ranking(record, entries.coarse_samples[rows], self.parameters)[None].astype(float)
+
+        (scores,) = await in_batches(self.container, rank, np.arange(len(candidates)), COARSE_BATCH)
+        if self.by_log_odds:
+            scores = await run_in_threadpool(coarse_log_odds, self.query, entries, scores)
+        return _best(candidates, scores, count)[0]
+
+    async def _rerank(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
+        """Return the best candidates by their points, and by descriptors if log odds rank the answer.
+
+        Scores come from the points even if match records are cached: an answer never depends on the cache.
+        Coarse log odds choose the candidates whose descriptors are read; of an incomplete query, all are.
+        """
+
+        def match_points(embeddings: Ints) -> Floats:
+            numbers = embeddings.tolist()
+            points = self.reader.points(numbers)
+            present = [i for i, number in enumerate(numbers) if number in points]
+            scores = np.full((1, len(numbers)), np.nan)
+            scores[0, present] = rerank(record, [points[numbers[i]] for i in present], self.parameters)
+            return scores
+
+        (cc,) = await in_batches(self.container, match_points, candidates.entries.embeddings, MATCH_BATCH)
+        if not self.by_log_odds:
+            return _best(candidates, cc, count)[0]
+        if not is_part(self.query.spin_images):
+            described = max(count, math.ceil(len(cc) * DESCRIBED))
+            log_odds = coarse_log_odds(self.query, candidates.entries, cc)
+            candidates, indices = _best(candidates, log_odds, described)
+            cc = cc[indices]
+
+        def compare_descriptors(rows: Ints) -> Floats:
+            numbers = candidates.entries.embeddings[rows].tolist()
+            sim = np.full(len(rows), TYPICAL_SIM)
+            described = self.reader.descriptors(numbers)
+            return class_log_odds(self.query, candidates, numbers, described, cc[rows], sim)[None]
+
+        (scores,) = await in_batches(
+            self.container, compare_descriptors, np.arange(len(cc)), DESCRIPTOR_BATCH
+        )
+        return _best(candidates, scores, count)[0]
+
+    def _match(self, record: Float32s, candidates: Candidates, embeddings: Ints) -> Floats:
+        """Match c embeddings by their records: CC, SSD, sim and, where asked for, log odds, shape (4, c)."""
+        numbers = embeddings.tolist()
+        records, described = self.reader.match_records(numbers, descriptors=self.by_log_odds)
+        present = [number for number in numbers if number in records]
+        matched = score_match_records(record, [records[number] for number in present], self.parameters)
+        return self._all_scores(candidates, numbers, present, matched, described)
+
+    async def _match_in_worker(self, candidates: Candidates, embeddings: Ints) -> Floats:
+        """Match c embeddings in a worker process, for pipelines without match records, as `_match` does."""
+        numbers = embeddings.tolist()
+        records = await run_in_threadpool(self.reader.records, numbers)
+        present = [number for number in numbers if number in records]
+        pipeline = self.query.active_pipeline.pipeline
+        matched = await self.container.queue.score(
+            self.query.record, [records[number] for number in present], pipeline
+        )
+        described = await run_in_threadpool(self.reader.descriptors, numbers) if self.by_log_odds else {}
+        return await run_in_threadpool(self._all_scores, candidates, numbers, present, matched, described)
+
+    def _all_scores(
+        self,
+        candidates: Candidates,
+        numbers: list[int],
+        present: list[int],
+        matched: Scores,
+        described: dict[int, ShapeDescriptors],
+    ) -> Floats:
+        """Return the scores of c embeddings, shape (4, c), from those of `present` ones; NaN elsewhere."""
+        scores = np.full((4, len(numbers)), np.nan)
+        scores[:3, np.isin(numbers, present)] = matched.cc, matched.ssd, matched.sim
+        if self.by_log_odds:
+            scores[3] = class_log_odds(self.query, candidates, numbers, described, scores[0], scores[2])
+        return scores
+
+
+async def nearest_wholes(
+    cascade: Cascade, candidates: Candidates, count: int, timings: Timings
+) -> tuple[Candidates, dict[int, float]]:
+    """Return the candidates that the query is most likely a part of, and the part distance of each shape.
+
+    Stages: describe the query as a part; rank all candidates by
+    `core.descriptors.partial.part_distances`. Deleted and unreadable candidates are left out.
+
+    At most `count` candidates are returned, the least distance first. The mesh of the query is read if its
+    record does not describe it as a part.
+    """
+    container, query = cascade.container, cascade.query
+    with timings.stage("spin_images"):
+        part = query.spin_images[KEYPOINTS:]
+        if not len(part) and query.mesh is not None:
+            part = await container.queue.do(part_of_mesh, await query.mesh(), cascade.parameters)
+
+    def measure(embeddings: Ints) -> Floats:
+        numbers = embeddings.tolist()
+        described = cascade.reader.descriptors(numbers)
+        known = [i for i, number in enumerate(numbers) if number in described]
+        distances = np.full((1, len(numbers)), np.nan)
+        wholes = [whole_spin_images(described[numbers[i]].arrays["spin_images"]) for i in known]
+        distances[0, known] = part_distances(part, wholes)
+        return distances
+
+    with timings.stage("compare"):
+        (distances,) = await in_batches(container, measure, candidates.entries.embeddings, DESCRIPTOR_BATCH)
+        finite = np.flatnonzero(np.isfinite(distances))
+        distances, candidates = distances[finite], replace(candidates.only(finite), shortlisted=False)
+        shapes = candidates.entries.shapes
+        distance_of = dict(zip(shapes.tolist(), distances.tolist(), strict=True))
+        return candidates.only(least(distances, shapes, count)), distance_of
 
 
 def class_log_odds(
@@ -132,186 +265,42 @@ def class_log_odds(
     return log_odds
 
 
-def _match_record(query: Query) -> NDArray[np.float32]:
-    """Return the match record of the query, cached if the query is a stored shape."""
-    active_pipeline = query.active_pipeline
-    cached = {} if query.number is None else active_pipeline.cache.get([query.number])
-    if query.number in cached:
-        return cached[query.number]
-    return match_record(query.embedding, active_pipeline.pipeline.parameters)
+def _best(candidates: Candidates, scores: Floats, count: int) -> tuple[Candidates, NDArray[np.intp]]:
+    """Return the candidates of greatest score and their indices; deleted ones come last."""
+    indices = least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
+    return candidates.only(indices), indices
 
 
-async def _rank_coarsely(
-    container: Container,
-    query: Query,
-    record: NDArray[np.float32],
-    candidates: Candidates,
-    count: int,
-    *,
-    by_log_odds: bool,
-) -> Candidates:
-    """Return the best candidates by their coarse samples, and by coarse log odds if these rank the answer."""
-    coarse_samples, parameters = candidates.entries.coarse_samples, query.active_pipeline.pipeline.parameters
+async def in_batches(container: Container, score: Callable[[Ints], Any], rows: Ints, length: int) -> Floats:
+    """Score r numbers in batches, two a worker at a time, and return k scores of each, shape (k, r).
 
-    def rank(batch: NDArray[np.uint8]) -> Floats:
-        return coarse_ranking(record, batch, parameters)[None].astype(np.float64)
-
-    (cc,) = await _in_batches(container, rank, coarse_samples, COARSE_BATCH, 1)
-    scores = await run_in_threadpool(coarse_log_odds, query, candidates.entries, cc) if by_log_odds else cc
-    return candidates.only(_best(candidates, scores, count))
-
-
-async def _rerank(
-    container: Container,
-    query: Query,
-    reader: CandidateReader,
-    record: NDArray[np.float32],
-    candidates: Candidates,
-    count: int,
-    *,
-    by_log_odds: bool,
-) -> Candidates:
-    """Return the best candidates by their points, and by descriptors if log odds rank the answer.
-
-    Scores come from the points even if match records are cached: an answer never depends on the cache. Coarse
-    log odds choose the candidates whose descriptors are read; of an incomplete query, all are.
+    `score` is a coroutine function, or runs on the threads of the service; it returns an array of shape
+    (k, b) for b different numbers, at most `length`. All batches have the same length, but for the last, and
+    there are about as many for each worker, so that the workers end together. If the query is cancelled, or a
+    batch fails, batches that have not begun are cancelled.
     """
-    parameters = query.active_pipeline.pipeline.parameters
-
-    def match_points(batch: Ints) -> Floats:
-        numbers = batch.tolist()
-        points = reader.points(numbers)
-        present = [i for i, number in enumerate(numbers) if number in points]
-        scores = np.full((1, len(numbers)), np.nan)
-        scores[0, present] = rerank(record, [points[numbers[i]] for i in present], parameters)
-        return scores
-
-    (cc,) = await by_embedding(container, candidates, match_points, MATCH_BATCH, 1)
-    if not by_log_odds:
-        return candidates.only(_best(candidates, cc, count))
-    if not is_part(query.spin_images):
-        described = max(count, math.ceil(len(cc) * DESCRIBED))
-        indices = _best(candidates, coarse_log_odds(query, candidates.entries, cc), described)
-        candidates, cc = candidates.only(indices), cc[indices]
-    entries = candidates.entries
-
-    def compare_descriptors(batch: NDArray[np.intp]) -> Floats:
-        numbers = entries.embeddings[batch].tolist()
-        sim = np.full(len(batch), TYPICAL_SIM)
-        described = reader.descriptors(numbers)
-        return class_log_odds(query, candidates, numbers, described, cc[batch], sim)[None]
-
-    indices = np.arange(len(cc))
-    (log_odds,) = await _in_batches(container, compare_descriptors, indices, DESCRIPTOR_BATCH, 1)
-    return candidates.only(_best(candidates, log_odds, count))
-
-
-def _match(
-    query: Query,
-    reader: CandidateReader,
-    record: NDArray[np.float32],
-    candidates: Candidates,
-    by_log_odds: bool,
-    embeddings: Ints,
-) -> Floats:
-    """Match c embeddings by their records: CC, SSD, sim and, where asked for, log odds, shape (4, c)."""
-    numbers = embeddings.tolist()
-    match_records, described = reader.match_records(numbers, descriptors=by_log_odds)
-    present = [i for i, number in enumerate(numbers) if number in match_records]
-    parameters = query.active_pipeline.pipeline.parameters
-    matched = score_match_records(record, [match_records[numbers[i]] for i in present], parameters)
-    scores = np.full((4, len(numbers)), np.nan)
-    scores[:3, present] = matched.cc, matched.ssd, matched.sim
-    if by_log_odds:
-        scores[3] = class_log_odds(query, candidates, numbers, described, scores[0], scores[2])
-    return scores
-
-
-async def _match_in_worker(
-    container: Container,
-    query: Query,
-    reader: CandidateReader,
-    candidates: Candidates,
-    by_log_odds: bool,
-    embeddings: Ints,
-) -> Floats:
-    """Match c embeddings in a worker process, for pipelines without match records, as `_match` does."""
-    numbers = embeddings.tolist()
-    records = await run_in_threadpool(reader.records, numbers)
-    present = [i for i, number in enumerate(numbers) if number in records]
-    matched = await container.queue.score(
-        query.record, [records[numbers[i]] for i in present], query.active_pipeline.pipeline
-    )
-    scores = np.full((4, len(numbers)), np.nan)
-    scores[:3, present] = matched.cc, matched.ssd, matched.sim
-    if by_log_odds:
-        described = await run_in_threadpool(reader.descriptors, numbers)
-        scores[3] = await run_in_threadpool(
-            class_log_odds, query, candidates, numbers, described, scores[0], scores[2]
-        )
-    return scores
-
-
-def _best(candidates: Candidates, scores: Floats, count: int) -> NDArray[np.intp]:
-    """Return the indices of the candidates of greatest score; deleted ones come last."""
-    return least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
-
-
-async def by_embedding(
-    container: Container,
-    candidates: Candidates,
-    score: Callable[[Ints], Any],
-    length: int,
-    kinds: int,
-    *,
-    on_threads: bool = True,
-) -> Floats:
-    """Score c candidates as `_in_batches` does, shape (kinds, c); a shared embedding is scored once."""
-    embeddings, rows = np.unique(candidates.entries.embeddings, return_inverse=True)
-    scores = await _in_batches(container, score, embeddings, length, kinds, on_threads=on_threads)
-    return scores[:, rows]
-
-
-async def _in_batches(
-    container: Container,
-    score: Callable[[NDArray[Any]], Any],
-    rows: NDArray[Any],
-    length: int,
-    kinds: int,
-    *,
-    on_threads: bool = True,
-) -> Floats:
-    """Score c rows in batches, two a worker at a time, and return the scores, shape (kinds, c).
-
-    `score` computes the scores of some rows on a thread, or is a coroutine function unless `on_threads`.
-    The batches have at most `length` rows. All have the same number, but for the last, and there are about as
-    many for each worker, so that the workers end together. If the query is cancelled, or a batch fails,
-    batches that have not begun are cancelled.
-    """
+    numbers, inverse = np.unique(rows, return_inverse=True)
     workers = container.settings.workers
-    count = workers * max(1, math.ceil(len(rows) / (workers * length)))
-    length = max(1, math.ceil(len(rows) / count))
-    batches: dict[asyncio.Future[Floats], int] = {}
+    count = workers * max(1, math.ceil(len(numbers) / (workers * length)))
+    length = max(1, math.ceil(len(numbers) / count))
+    batches: list[asyncio.Future[Floats]] = []
     pending: set[asyncio.Future[Floats]] = set()
     try:
         with short_of_memory():
-            for start in range(0, len(rows), length):
+            for start in range(0, max(1, len(numbers)), length):
                 if len(pending) == 2 * workers:
                     done, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
                     for batch in done:
                         batch.result()
-                part = rows[start : start + length]
-                if on_threads:
-                    batch = asyncio.wrap_future(container.threads.submit(score, part))
-                else:
+                part = numbers[start : start + length]
+                if iscoroutinefunction(score):
                     batch = asyncio.ensure_future(score(part))
-                batches[batch] = start
+                else:
+                    batch = asyncio.wrap_future(container.threads.submit(score, part))
+                batches.append(batch)
                 pending.add(batch)
             await asyncio.gather(*pending)
     finally:
         for batch in pending:
             batch.cancel()
-    scores = np.empty((kinds, len(rows)))
-    for batch, start in batches.items():
-        scores[:, start : start + length] = batch.result()
-    return scores
+    return np.concatenate([batch.result() for batch in batches], axis=1)[:, inverse]

@@ -14,6 +14,7 @@ from service.container import Container
 from service.index.repository import IndexEntries
 from service.search.caches import collection_sample
 from service.search.records import Candidates, Query
+from service.search.schemas import SearchOptions
 from service.search.signature_index import signature_index
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
@@ -22,32 +23,33 @@ VIEW_SHARE = 0.5
 """Shapes near by view signatures in a shortlist, for each one near by signatures."""
 
 
+PARTIAL_FACTOR = 2.5
+"""Factor of the number of candidates from which a partial query compares a shortlist: this may miss the whole
+of a part, whose signature is another."""
+
+
 def find_candidates(
-    container: Container,
-    query: Query,
-    shapes: ShapeFilter,
-    *,
-    shortlist_from: int | None,
-    by_log_odds: bool,
+    container: Container, query: Query, shapes: ShapeFilter, options: SearchOptions
 ) -> Candidates:
     """Return the shapes that match a filter, without the query itself, or a shortlist of them.
 
-    Stages: read the collection's sample for local densities; select by the filter; where `shortlist_from`
-    shapes or more are left, keep the nearest by signatures and by view signatures. If log odds rank the
-    answer, more of both are looked for, and those of greatest approximate log odds stay.
-
-    All shapes that match are candidates if `shortlist_from` is None.
+    Stages: read the collection's sample for local densities; select by the filter; unless the search is
+    exhaustive or few shapes are left, keep the nearest by signatures and by view signatures. If log odds rank
+    the answer, more of both are looked for, and those of greatest approximate log odds stay.
     """
+    shortlist_from = container.settings.shortlist_from
+    if options.partial:
+        shortlist_from = math.ceil(PARTIAL_FACTOR * shortlist_from)
     index = signature_index(container, query.active_pipeline)
     length = container.settings.shortlist_length
     with container.database.read() as session:
         stored = shapes_repository.stored(session, shapes.collection)
         sample = collection_sample(container, session, query.active_pipeline, shapes.collection)
         selection = index.select(session, shapes, query.excluded, stored)
-        shortlisted = shortlist_from is not None and selection.has(shortlist_from)
+        shortlisted = not options.exhaustive and selection.has(shortlist_from)
         if not shortlisted:
             entries = selection.entries()
-        elif by_log_odds:
+        elif options.rank_by == "combined":
             entries = selection.nearest(query, index.widening * length, index.widening * length)
             entries = entries.only(least(-coarse_log_odds(query, entries), entries.shapes, length))
         else:

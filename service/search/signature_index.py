@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,56 +35,13 @@ CLOSE = 16
 """Additional neighbours, sorted again by distances in double precision: the database has single precision."""
 
 
-class Selection(Protocol):
-    """The shapes of a signature index that match a filter."""
-
-    def has(self, count: int) -> bool:
-        """Return whether there are at least `count` shapes."""
-
-    def entries(self) -> IndexEntries:
-        """Return all shapes, without their coarse samples."""
-
-    def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Return the nearest shapes by signatures, then further ones of the nearest by view signatures."""
-
-
-class SignatureIndex(Protocol):
-    """The signatures of all shapes that the active pipeline has embedded."""
-
-    @property
-    def widening(self) -> int:
-        """The factor by which more neighbours are looked for than remain after the ranking by log odds."""
-
-    def select(
-        self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
-    ) -> Selection:
-        """Return the shapes that match a filter, of `stored` in the collection, without some by number."""
-
-    def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
-        """Return the embeddings of the sample of a collection, ascending by shape."""
-
-    def newest(self, session: ReadSession, count: int) -> Ints:
-        """Return the embeddings to cache, the newest last: all, or the last `count`."""
-
-    @property
-    def revision(self) -> int:
-        """The revision of the archive that the signatures in memory are of; 0 if there are none."""
-
-    @property
-    def nbytes(self) -> int:
-        """The bytes of the signatures in memory."""
-
-
-def signature_index(container: Container, active_pipeline: ActivePipeline) -> SignatureIndex:
-    """Return the index that the settings name: in memory, or in PostgreSQL."""
-    if container.settings.signatures == "database":
-        return PostgresIndex(active_pipeline.fingerprint)
-    return MemoryIndex(active_pipeline.index)
-
-
 @dataclass(frozen=True, eq=False)
 class MemoryIndex:
-    """The index of the signatures in memory."""
+    """The signatures of all shapes that the active pipeline has embedded, in memory.
+
+    `widening` is the factor by which more neighbours are looked for than remain after the ranking by log
+    odds. `PostgresIndex` has the same methods, as its selection has those of `MemorySelection`.
+    """
 
     table: SignatureTable
     widening: ClassVar[int] = 4
@@ -92,7 +49,10 @@ class MemoryIndex:
     def select(
         self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
     ) -> "MemorySelection":
-        """Select by the table, and log how many shapes of the collection it lacks."""
+        """Return the shapes that match a filter, of `stored` in the collection, without some by number.
+
+        The number of shapes of the collection without an embedding is logged.
+        """
         entries = self.table.current(session)
         selected = entries.collections == shapes.collection
         lacking = stored - np.count_nonzero(selected)
@@ -105,28 +65,27 @@ class MemoryIndex:
         if not shapes.is_empty:
             matching = shapes_repository.numbers(session, shapes)
             selected &= np.isin(entries.shapes, np.array(matching, dtype=np.int64))
-        for number in excluded:
-            selected &= entries.shapes != number
+        selected &= ~np.isin(entries.shapes, list(excluded))
         return MemorySelection(entries, np.flatnonzero(selected))
 
     def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
-        """Return the embeddings of the shapes of least hash."""
+        """Return the embeddings of a collection's sample, the shapes of least hash, ascending by shape."""
         entries = self.table.current(session)
         rows = np.flatnonzero(entries.collections == collection)
         return entries.embeddings[rows[sampled(entries.shapes[rows])]]
 
     def newest(self, session: ReadSession, count: int) -> Ints:
-        """Return all embeddings."""
+        """Return the embeddings to cache, the newest last: all, or from a database the last `count`."""
         return self.table.current(session).embeddings
 
     @property
     def revision(self) -> int:
-        """The revision of the table."""
+        """The revision of the archive that the signatures in memory are of; 0 if there are none."""
         return self.table.revision
 
     @property
     def nbytes(self) -> int:
-        """The bytes of the table."""
+        """The bytes of the signatures in memory."""
         return self.table.nbytes
 
 
@@ -138,16 +97,16 @@ class MemorySelection:
     rows: NDArray[np.intp]
 
     def has(self, count: int) -> bool:
-        """Return whether there are so many rows."""
+        """Return whether there are at least `count` shapes."""
         return len(self.rows) >= count
 
     def entries(self) -> IndexEntries:
-        """Return the rows."""
+        """Return all shapes, without their coarse samples."""
         without_samples = np.empty((len(self.table.shapes), 0), np.uint8)
         return replace(self.table, coarse_samples=without_samples).only(self.rows)
 
     def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Measure both kinds of distances of all rows."""
+        """Return the nearest shapes by signatures, then further ones of the nearest by view signatures."""
         signatures = partial(signature_distances, query.embedding.signature)
         views = partial(signature_distance, query.view_signature)
         rows = self._nearest(signatures, self.table.signatures, by_signature)
@@ -171,6 +130,8 @@ class PostgresIndex:
 
     fingerprint: str
     widening: ClassVar[int] = 1
+    revision: ClassVar[int] = 0
+    nbytes: ClassVar[int] = 0
 
     def select(
         self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
@@ -186,16 +147,6 @@ class PostgresIndex:
     def newest(self, session: ReadSession, count: int) -> Ints:
         """Return the `count` newest embeddings."""
         return np.array(repository.latest(session, self.fingerprint, count)[::-1])
-
-    @property
-    def revision(self) -> int:
-        """Zero."""
-        return 0
-
-    @property
-    def nbytes(self) -> int:
-        """Zero."""
-        return 0
 
 
 @dataclass(frozen=True)
@@ -226,21 +177,20 @@ class PostgresSelection:
     def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
         """Ask the database for both kinds of neighbours, and read their entries once."""
         signature = query.embedding.signature
-        near = repository.nearest(
-            self.session,
-            self.fingerprint,
-            signature,
-            by_signature + len(self.excluded) + CLOSE,
-            shapes=self.shapes,
-            ef_search=self._ef_search,
-        )
-        alike = repository.nearest_views(
-            self.session,
-            self.fingerprint,
-            query.view_signature,
-            by_views + len(self.excluded),
-            shapes=self.shapes,
-            ef_search=self._ef_search,
+        near, alike = (
+            repository.nearest(
+                self.session,
+                self.fingerprint,
+                vector,
+                count + len(self.excluded),
+                shapes=self.shapes,
+                ef_search=self._ef_search,
+                views=views,
+            )
+            for vector, count, views in (
+                (signature, by_signature + CLOSE, False),
+                (query.view_signature, by_views, True),
+            )
         )
         near = near[~np.isin(near, self.excluded)]
         alike = alike[~np.isin(alike, self.excluded)][:by_views]
@@ -261,3 +211,10 @@ class PostgresSelection:
         if others and 2 * self.stored < count_shapes(self.session):
             return None
         return EF_SEARCH
+
+
+def signature_index(container: Container, active_pipeline: ActivePipeline) -> MemoryIndex | PostgresIndex:
+    """Return the index that the settings name: in memory, or in PostgreSQL."""
+    if container.settings.signatures == "database":
+        return PostgresIndex(active_pipeline.fingerprint)
+    return MemoryIndex(active_pipeline.index)

@@ -1,6 +1,5 @@
 """The endpoints of the service itself: health, version, metrics, and signing in."""
 
-from dataclasses import asdict
 from typing import Literal
 
 from fastapi import APIRouter, Request, Response
@@ -15,7 +14,7 @@ from service.auth.gate import name_in, token_in
 from service.auth.keys import COOKIE, SECONDS, Grant
 from service.compute.compilation import is_compiled
 from service.dependencies import Service
-from service.errors import CompilingError, ServiceError
+from service.errors import REEMBED, CompilingError, ServiceError
 from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response
 from service.system.schemas import VERSION, FileFormat, Health, PendingPipeline, Readiness, Version
@@ -89,7 +88,16 @@ def read_version(request: Request, container: Service) -> Version:
     limited = grant is not None and grant.collections is not None
     with container.database.read() as session:
         parameters = container.pipelines.current(session).pipeline.parameters
-        pending = None if limited else container.pipelines.pending(session)
+        counts = None if limited else container.pipelines.pending(session)
+    wanted, pending = container.pipelines.wanted, None
+    if counts is not None:
+        pending = PendingPipeline(
+            name=wanted.name,
+            fingerprint=wanted.fingerprint,
+            embedded=counts[0],
+            files=counts[1],
+            message=REEMBED,
+        )
     return Version(
         version=VERSION,
         pipeline=parameters.name,
@@ -106,7 +114,7 @@ def read_version(request: Request, container: Service) -> Version:
             )
             for known in FORMATS.values()
         ],
-        pending=None if pending is None else PendingPipeline(**asdict(pending)),
+        pending=pending,
     )
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from core.parameters import DEFAULT
 from service.compute.cluster import ClusterPool
+from service.compute.pool import WorkerCounts
 from service.errors import ClusterUnavailableError, WorkerLostError
 from tests.service.clusters import made, on_cluster, pool, service
 from tests.service.dask_cluster import Cluster
@@ -70,7 +71,7 @@ def test_a_cluster_that_is_lost_is_said(made: Cluster, pool: ClusterPool) -> Non
         pool.submit(add, 1, 1)
     made.kill_scheduler()
     wait_until(lambda: unreachable(pool), seconds=60)
-    assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)
+    assert (pool.ready(), pool.counts()) == (False, WorkerCounts(0, 0, 0, 0))
 
 
 def unreachable(pool: ClusterPool) -> bool:

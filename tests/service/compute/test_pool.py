@@ -160,7 +160,7 @@ def test_a_cancelled_task_lets_go_of_its_arguments(pool: LocalPool) -> None:
 
 def test_a_cancelled_task_that_has_begun_holds_up_nothing(workers: Pool) -> None:
     napping = [workers.submit(nap, 600) for _ in range(2)]
-    wait_until(lambda: workers.busy() == 2, seconds=30)
+    wait_until(lambda: workers.counts().busy == 2, seconds=30)
     for each in napping:
         each.cancel()
     assert workers.submit(add, 1, 1).result(timeout=60) == 2

@@ -87,7 +87,7 @@ def test_configuring_twice_writes_once() -> None:
 def test_a_failure_of_the_method_is_logged_and_the_worker_goes_on(
     shared: Running, lines: io.StringIO, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    wait_until(lambda: shared.container.pool.idle() == 2, seconds=60)
+    wait_until(lambda: shared.container.pool.counts().idle == 2, seconds=60)
     workers = shared.container.pool.pids()
     first, second = (shared.store(small_file(number))["id"] for number in (1, 2))
     with monkeypatch.context() as patch:

@@ -94,9 +94,10 @@ def test_the_graph_is_asked_where_there_is_no_filter(
     asked: list[int | None] = []
     nearest = repository.nearest
 
-    def noted(*arguments: Any, ef_search: int | None, **named: Any) -> Ints:
-        asked.append(ef_search)
-        return nearest(*arguments, ef_search=ef_search, **named)
+    def noted(*arguments: Any, ef_search: int | None, views: bool, **named: Any) -> Ints:
+        if not views:
+            asked.append(ef_search)
+        return nearest(*arguments, ef_search=ef_search, views=views, **named)
 
     monkeypatch.setattr(repository, "nearest", noted)
     answers(both[1], small_file(3))

@@ -14,7 +14,7 @@ from sqlalchemy import insert, select, text
 from core.descriptors.views import SIGNATURE_BYTES, signature_distance
 from core.parameters import DEFAULT
 from service.collection import DEFAULT_COLLECTION
-from service.search.repository import nearest, nearest_views
+from service.search.repository import nearest
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
@@ -147,7 +147,7 @@ def test_the_nearest_views_are_those_of_a_plain_search(
         distances = signature_distance(query, stored.view_signatures[numbers - 1])
         truth = numbers[np.lexsort((numbers, distances))][:WANTED]
         with stored.database.read() as session:
-            found = nearest_views(session, FINGERPRINT, query, WANTED, shapes=shapes, ef_search=ef)
+            found = nearest(session, FINGERPRINT, query, WANTED, shapes=shapes, ef_search=ef, views=True)
         if ef is None:
             np.testing.assert_array_equal(found, truth)
         else:
@@ -281,8 +281,9 @@ def test_a_graph_is_made_with_the_first_signature_and_anew_for_other_parameters(
             assert all(f"m='{M}'" in graph for graph in (signatures, views))
         with database.read() as session:
             found = nearest(session, DEFAULT.fingerprint, made.signature, 5, shapes=EVERYTHING, ef_search=40)
-            alike = nearest_views(
-                session, DEFAULT.fingerprint, made.view_signature, 5, shapes=EVERYTHING, ef_search=40
+            views = made.view_signature
+            alike = nearest(
+                session, DEFAULT.fingerprint, views, 5, shapes=EVERYTHING, ef_search=40, views=True
             )
         assert all("m='20', ef_construction='90'" in graph for graph in graphs(m=20, ef_construction=90))
         assert found.tolist() == [2, 1]

@@ -15,8 +15,8 @@ from core.pipeline import Pipeline
 from service.compute.request_queue import RequestQueue
 from service.compute.tasks import Embedded
 from service.errors import ClusterUnavailableError, WorkerLostError
-from service.search import answer as search_answer
 from service.search.records import MatchedCandidates
+from service.search.scoring import Cascade
 from service.shapes import reembedding as reembedding_module
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from tests.service.engines import either_engine, on_both
@@ -213,18 +213,18 @@ def test_a_query_that_loses_its_embeddings_is_answered_by_the_new_ones(
     stocked: tuple[Running, Path], few: Parameters, monkeypatch: pytest.MonkeyPatch, by: str
 ) -> None:
     running, folder = stocked
-    score_candidates = search_answer.score_candidates
+    score = Cascade.score
     changed: list[ReembeddingResult] = []
 
     async def late(*given: Any) -> MatchedCandidates:
         if not changed:
             changed.append((await asyncio.to_thread(go_over, running, few))[0])
             await asyncio.to_thread(prune_others, running.container.database, few.fingerprint)
-        return await score_candidates(*given)
+        return await score(*given)
 
     (shape,) = running.client.get("/shapes", params={"name": "2.off"}).json()["shapes"]
     with monkeypatch.context() as patch:
-        patch.setattr(search_answer, "score_candidates", late)
+        patch.setattr(Cascade, "score", late)
         if by == "file":
             answer = query(running.client, small_file(2))
         else:

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from service.compute.cluster import ClusterPool
+from service.compute.pool import WorkerCounts
 from service.errors import ClusterUnavailableError
 from tests.service.clusters import made, on_cluster, pool, service
 from tests.service.dask_cluster import Cluster
@@ -23,10 +24,10 @@ MEMBERS = 16
 
 def test_the_work_of_a_lost_worker_goes_to_another(made: Cluster, pool: ClusterPool) -> None:
     napping: list[Future[Any]] = [pool.submit(nap, 2) for _ in range(2)]
-    assert (pool.idle(), pool.busy(), pool.waiting()) == (0, 2, 0)
+    assert pool.counts() == WorkerCounts(0, 2, 0, 0)
     made.kill_worker()
     assert [each.result(timeout=60) for each in napping] == [None, None]
-    wait_until(lambda: (len(pool.pids()), pool.idle(), pool.busy()) == (1, 1, 0), seconds=30)
+    wait_until(lambda: (len(pool.pids()), pool.counts()) == (1, WorkerCounts(1, 0, 0, 0)), seconds=30)
     made.start(1)
     wait_until(lambda: len(pool.pids()) == 2, seconds=240)
 
@@ -93,7 +94,7 @@ def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: C
     for each in waiting:
         with pytest.raises(ClusterUnavailableError, match="scheduler"):
             each.result(timeout=60)
-    assert (pool.ready(), pool.idle(), pool.busy(), pool.starting(), pool.waiting()) == (False, 0, 0, 0, 0)
+    assert (pool.ready(), pool.counts()) == (False, WorkerCounts(0, 0, 0, 0))
     with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
         pool.submit(add, 1, 1)
     made.start(1)
