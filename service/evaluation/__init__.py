@@ -8,7 +8,6 @@ __all__ = [
     "benchmark_service",
     "calibration",
     "pairwise_scores",
-    "perturbed_queries",
     "retrieval",
     "template_truth",
 ]

@@ -1,20 +1,38 @@
-"""The calibration of `combined`: labelled pairs in; models, and their errors on unseen classes, out."""
+"""The calibration of `combined`: labelled pairs in; models, and their errors on unseen classes, out.
 
-from collections.abc import Sequence
+Shapes made incomplete are queries to the clean shapes of their collection, in a pool of processes.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
+from zlib import crc32
 
 import numpy as np
 
 from core.arrays import Floats
+from core.descriptors.registry import ShapeDescriptors, descriptors_of
+from core.embedding import Embedding, Scores
 from core.evaluation.calibration import BINS, LabelledPairs, Reliability, fit, leave_class_out, reliability
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.evaluation.retrieval_measures import evaluate
-from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
-from service.evaluation.pairwise_scores import Done, PairScores, stored
-from service.evaluation.perturbed_queries import Gallery, Perturb, Told, perturbed_query
+from core.io import format_of, read_mesh
+from core.mesh.cleaning import clean
+from core.mesh.mesh import Mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
+from core.ranking.class_probability import PART_FEATURES, features, offset, part_features
+from core.ranking.differences import PairDifferences, differences_of
+from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
+from service.evaluation.pairwise_scores import Done, PairScores, embed_files, loaded, reason, stored
+
+Told = Callable[[str], object]
+"""Called with the reason why a file cannot be used."""
+Perturb = Callable[[Mesh, float, int], Mesh]
+"""A function of a mesh, an amount and a seed, as in `core.evaluation.perturbation`."""
 
 UPPER = 1
 """The first bin of pairs whose class probability exceeds 0.1: most of the others clearly have two classes."""
@@ -29,98 +47,81 @@ DIGITS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """Pairs with probabilities by the fit without their query's class.
+class Gallery:
+    """The clean shapes that have an embedding: files, their classes, and their embeddings."""
 
-    Attributes
-    ----------
-    name : str
-    shapes, classes : int
-        Numbers of queries and of their classes; 0 classes where several collections are together.
-    figures : dict of str to float
-        NN, FT and ST of the ranking by these probabilities; of incomplete shapes NN alone, by which the most
-        probable whole shape, except their own, is of their class.
-    reliability : Reliability
-    """
+    files: tuple[Path, ...]
+    labels: tuple[str, ...]
+    embeddings: tuple[Embedding, ...]
 
-    name: str
-    shapes: int
-    classes: int
-    figures: dict[str, float]
-    reliability: Reliability
 
-    def row(self) -> tuple[str, ...]:
-        """Return the row of a table."""
-        numbers = (str(self.shapes), str(self.classes or ""), *_errors(self.reliability))
-        return (self.name, *numbers, *(f"{figure:.3f}" for figure in self.figures.values()))
+def clean_gallery(pool: Executor, files: Sequence[tuple[Path, str]], tell: Told, done: Done) -> Gallery:
+    """Return the files that can be embedded; `tell` receives the reason for each of the others."""
+    results = embed_files(pool, [path for path, _ in files], done)
+    kept: list[tuple[Path, str, Embedding]] = []
+    for (path, label), result in zip(files, results, strict=True):
+        if isinstance(result, str):
+            tell(f"{path}: {result}")
+        else:
+            kept.append((path, label, result))
+    paths, labels, embeddings = zip(*kept, strict=True) if kept else ((), (), ())
+    return Gallery(tuple(paths), tuple(labels), tuple(embeddings))
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationStudy:
-    """The models of all pairs, and the errors of the models fitted without each class.
+class ScoredQuery:
+    """A perturbed shape and its embedding, and its scores and differences to each embedding of the gallery.
 
-    Attributes
-    ----------
-    model, part_model : Calibration
-        Of complete pairs, and of pairs with an incomplete shape.
-    collections : tuple of Judged
-        By both models, each for its pairs.
-    together : Reliability
-        Over all collections, each with the same weight.
-    incomplete : Judged
-        Shapes made incomplete, and whole shapes, over all perturbations and collections.
+    The differences have the local densities among the gallery.
     """
 
-    model: Calibration
-    part_model: Calibration
-    collections: tuple[Judged, ...]
-    together: Reliability
-    incomplete: Judged
-
-    def as_json(self) -> dict[str, object]:
-        """Return the object that `--json` prints."""
-        parts = self.incomplete
-        counts = {"queries": parts.shapes, **parts.figures}
-        return {
-            **asdict(self.model),
-            "incomplete": {**asdict(self.part_model), **counts, **_numbers(parts.reliability)},
-            "together": _numbers(self.together),
-            "collections": [
-                {"name": judged.name, "shapes": judged.shapes, "classes": judged.classes, **judged.figures}
-                | _numbers(judged.reliability)
-                for judged in self.collections
-            ],
-        }
-
-    def constants(self) -> str:
-        """Return the assignments that `core/ranking/class_probability.py` holds."""
-        models = {"CALIBRATED_POOL": self.model, "CALIBRATED_PARTS": self.part_model}
-        return "\n".join(f"{name} = {_constant(model)}" for name, model in models.items())
+    pipeline: Pipeline
+    mesh: Mesh
+    query: Embedding
+    gallery: list[Embedding]
+    scores: Scores
+    differences: PairDifferences
 
 
-@dataclass(frozen=True, eq=False)
-class CollectionPairs:
-    """The pairs of a labelled collection.
+def perturbed_query(
+    embeddings: Path, perturb: Perturb, amount: float, seed: int, path: Path
+) -> ScoredQuery | str:
+    """Return a perturbed file as a query, or the reason why it cannot be one.
 
-    Those of complete shapes have the features of `core.ranking.class_probability.features`; those with an
-    incomplete shape, and those of shapes made incomplete with complete ones, have its `part_features`.
+    `embeddings` is the file of a gallery's embeddings by `service.evaluation.pairwise_scores.stored`. In a
+    run, by its `seed`, each file has its own random numbers, which depend on its name.
     """
+    pipeline, (gallery, described, sample, densities) = _pipeline(), _load(embeddings)
+    try:
+        cleaned = clean(read_mesh(path.read_bytes(), format_of(path.name))).mesh
+        mesh = perturb(cleaned, amount, seed_of(path, seed))
+        query = pipeline.embed(mesh)
+        scores = pipeline.score(query, gallery)
+        descriptors = descriptors_of(query)
+        density = densities_in(sample, [descriptors])
+        differences = differences_of(descriptors, described, scores, density, densities)
+        return ScoredQuery(pipeline, mesh, query, gallery, scores, differences)
+    except Exception as error:
+        return reason(error)
 
-    complete: LabelledPairs
-    incomplete: LabelledPairs
-    perturbed: Sequence[LabelledPairs]
 
-    @classmethod
-    def of(
-        cls, labels: Sequence[str], scores: PairScores, perturbed: Sequence[LabelledPairs]
-    ) -> "CollectionPairs":
-        """Compute the features of all scored pairs."""
-        differences = scores.differences
-        return cls(
-            LabelledPairs(tuple(labels), features(differences), ~differences.part, offset(differences)),
-            LabelledPairs(tuple(labels), part_features(differences), differences.part),
-            perturbed,
-        )
+def seed_of(path: Path, seed: int) -> int:
+    """Return the seed of one shape in one run, which depends on the name of its file alone."""
+    return int(np.random.SeedSequence([seed, crc32(path.name.encode())]).generate_state(1)[0])
+
+
+@lru_cache(maxsize=1)
+def _pipeline() -> Pipeline:
+    return Pipeline(DEFAULT)
+
+
+@lru_cache(maxsize=1)
+def _load(path: Path) -> tuple[list[Embedding], list[ShapeDescriptors], DensitySample, LocalDensities]:
+    """Return the embeddings of a gallery, their descriptors, a sample of these, and their densities in it."""
+    embeddings: list[Embedding] = loaded(path)
+    descriptors = [descriptors_of(embedding) for embedding in embeddings]
+    sample = density_sample(descriptors)
+    return embeddings, descriptors, sample, densities_in(sample, descriptors)
 
 
 def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[LabelledPairs]:
@@ -141,43 +142,6 @@ def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list
     return levels
 
 
-def study(names: Sequence[str], collections: Sequence[CollectionPairs]) -> CalibrationStudy:
-    """Fit the models to all pairs, and judge each class by models fitted without it.
-
-    Raises
-    ------
-    ParameterError
-        Without one of the classes, all pairs have the same label.
-    """
-    complete = [pairs.complete for pairs in collections]
-    incomplete = [pairs.incomplete for pairs in collections]
-    perturbed = [level for pairs in collections for level in pairs.perturbed]
-    of_complete = leave_class_out(complete)
-    of_parts = leave_class_out([*incomplete, *perturbed])
-    of_incomplete, of_perturbed = of_parts[: len(incomplete)], of_parts[len(incomplete) :]
-    whole = [
-        (replace(pairs, asked=None), np.where(parts.both_ways, of_part, of_whole))
-        for pairs, parts, of_whole, of_part in zip(
-            complete, incomplete, of_complete, of_incomplete, strict=True
-        )
-    ]
-    return CalibrationStudy(
-        model=fit(complete),
-        part_model=fit([*incomplete, *perturbed]),
-        collections=tuple(_judged(name, *pairs) for name, pairs in zip(names, whole, strict=True)),
-        together=reliability([pairs for pairs, _ in whole], [probability for _, probability in whole]),
-        incomplete=_incomplete(perturbed, of_perturbed),
-    )
-
-
-def summary(judged: CalibrationStudy) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings, a row for all collections together, one for each, and one for incomplete shapes."""
-    headings = ("collection", "shapes", "classes", "base rate", "error", f"error above {UPPER / BINS:g}")
-    together = ("all together", "", "", *_errors(judged.together), "", "", "")
-    rows = [together, *(collection.row() for collection in judged.collections)]
-    return (*headings, "NN", "FT", "ST"), [*rows, (*judged.incomplete.row(), "", "")]
-
-
 def _part_features(embeddings: Path, perturb: Perturb, amount: float, path: Path) -> Floats | str | None:
     """Return features of a perturbed file and the gallery, (n, PART_FEATURES); None if it looks complete."""
     asked = perturbed_query(embeddings, perturb, amount, 0, path)
@@ -186,38 +150,112 @@ def _part_features(embeddings: Path, perturb: Perturb, amount: float, path: Path
     return part_features(asked.differences) if asked.differences.part.all() else None
 
 
-def _incomplete(perturbed: Sequence[LabelledPairs], probabilities: Sequence[Floats]) -> Judged:
+def study(
+    names: Sequence[str],
+    scored: Sequence[tuple[Sequence[str], PairScores]],
+    perturbed: Sequence[LabelledPairs],
+) -> dict[str, Any]:
+    """Fit the models to all pairs, and judge each class by models fitted without it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the collections.
+    scored : sequence of (labels, PairScores)
+        The labels and the pairs of each collection.
+    perturbed : sequence of LabelledPairs
+        The `part_pairs` of all collections.
+
+    Returns
+    -------
+    dict
+        The object that `--json` prints: the model of complete pairs; `incomplete`, the model of pairs with an
+        incomplete shape, and how it judges shapes made incomplete; `together`, over all collections, each
+        with the same weight; `collections`, by both models, each for its pairs. NN, FT and ST are those of
+        the ranking by these probabilities; of incomplete shapes NN alone, by which the most probable whole
+        shape, except their own, is of their class.
+
+    Raises
+    ------
+    ParameterError
+        Without one of the classes, all pairs have the same label.
+    """
+    complete, incomplete = [], []
+    for labels, scores in scored:
+        differences, part = scores.differences, scores.differences.part
+        complete.append(LabelledPairs(tuple(labels), features(differences), ~part, offset(differences)))
+        incomplete.append(LabelledPairs(tuple(labels), part_features(differences), part))
+    of_complete = leave_class_out(complete)
+    of_parts = leave_class_out([*incomplete, *perturbed])
+    whole = [replace(pairs, asked=None) for pairs in complete]
+    probabilities = [
+        np.where(parts.both_ways, of_part, of_whole)
+        for parts, of_part, of_whole in zip(incomplete, of_parts, of_complete, strict=False)
+    ]
+    collections = []
+    for name, pairs, probability in zip(names, whole, probabilities, strict=True):
+        measures = evaluate(probability, pairs.labels, larger_is_closer=True)
+        about = {"name": name, "shapes": len(pairs.labels), "classes": len(set(pairs.labels))}
+        about |= {measure: getattr(measures, measure) for measure in ("nn", "ft", "st")}
+        collections.append(about | _numbers(reliability([pairs], [probability])))
+    of_perturbed = of_parts[len(incomplete) :]
+    right = _first_right(perturbed, of_perturbed)
+    queries = {"queries": len(right), "nn": float(np.mean(right))}
+    return {
+        **asdict(fit(complete)),
+        "incomplete": {
+            **asdict(fit([*incomplete, *perturbed])),
+            **queries,
+            **_numbers(reliability(perturbed, of_perturbed)),
+        },
+        "together": _numbers(reliability(whole, probabilities)),
+        "collections": collections,
+    }
+
+
+def _first_right(perturbed: Sequence[LabelledPairs], probabilities: Sequence[Floats]) -> list[bool]:
+    """Return for each query whether the most probable whole shape is of its class."""
     right: list[bool] = []
     for collection, probability in zip(perturbed, probabilities, strict=True):
         codes, pairs = collection.codes, collection.both_ways
         asked = np.flatnonzero(pairs.any(axis=1))
         first = np.where(pairs, probability, -1.0).argmax(axis=1)
         right += (codes[first[asked]] == codes[asked]).tolist()
-    figures = {"nn": float(np.mean(right))}
-    return Judged("incomplete shapes", len(right), 0, figures, reliability(perturbed, probabilities))
-
-
-def _judged(name: str, collection: LabelledPairs, probabilities: Floats) -> Judged:
-    labels = collection.labels
-    measures = evaluate(probabilities, labels, larger_is_closer=True)
-    figures = {"nn": measures.nn, "ft": measures.ft, "st": measures.st}
-    return Judged(name, len(labels), len(set(labels)), figures, reliability([collection], [probabilities]))
-
-
-def _constant(model: Calibration) -> str:
-    slopes = ", ".join(f"{slope:.{DIGITS}f}" for slope in model.slopes)
-    slopes += "," if len(model.slopes) == 1 else ""
-    return f"Calibration(intercept={model.intercept:.{DIGITS}f}, slopes=({slopes}))"
-
-
-def _errors(judged: Reliability) -> tuple[str, str, str]:
-    return f"{judged.base_rate:.3f}", f"{judged.error:.4f}", f"{judged.error_above(UPPER):.3f}"
+    return right
 
 
 def _numbers(judged: Reliability) -> dict[str, object]:
-    return {
-        "base_rate": judged.base_rate,
-        "error": judged.error,
-        "error_upper": judged.error_above(UPPER),
-        **{key: np.asarray(getattr(judged, key)).tolist() for key in ("share", "said", "found")},
+    errors = {"error": judged.error, "error_upper": judged.error_above(UPPER)}
+    diagram = {key: np.asarray(getattr(judged, key)).tolist() for key in ("share", "said", "found")}
+    return {"base_rate": judged.base_rate, **errors, **diagram}
+
+
+def summary(judged: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
+    """Return headings, a row for all collections together, one for each, and one for incomplete shapes."""
+    formats = {
+        "name": "",
+        "shapes": "",
+        "classes": "",
+        "base_rate": ".3f",
+        "error": ".4f",
+        "error_upper": ".3f",
     }
+    formats |= dict.fromkeys(("nn", "ft", "st"), ".3f")
+    headings = ["collection", "shapes", "classes", "base rate", "error", f"error above {UPPER / BINS:g}"]
+    together = {"name": "all together", **judged["together"]}
+    parts = {"name": "incomplete shapes", "shapes": judged["incomplete"]["queries"], **judged["incomplete"]}
+    rows = [
+        [format(row[key], form) if key in row else "" for key, form in formats.items()]
+        for row in (together, *judged["collections"], parts)
+    ]
+    return [*headings, "NN", "FT", "ST"], rows
+
+
+def constants(judged: Mapping[str, Any]) -> str:
+    """Return the assignments that `core/ranking/class_probability.py` holds."""
+    lines = []
+    for name, model in (("CALIBRATED_POOL", judged), ("CALIBRATED_PARTS", judged["incomplete"])):
+        slopes = ", ".join(f"{slope:.{DIGITS}f}" for slope in model["slopes"])
+        slopes += "," if len(model["slopes"]) == 1 else ""
+        lines.append(f"{name} = Calibration(intercept={model['intercept']:.{DIGITS}f}, slopes=({slopes}))")
+    return "\n".join(lines)

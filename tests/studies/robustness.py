@@ -26,6 +26,7 @@ from core.gallery import make_shape
 from core.mesh.simplification import decimate
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import pooled_log_odds
+from service.evaluation.calibration import Gallery, Perturb, clean_gallery, perturbed_query
 from service.evaluation.pairwise_scores import (
     as_they_end,
     default_workers,
@@ -33,7 +34,6 @@ from service.evaluation.pairwise_scores import (
     stored,
     worker_pool,
 )
-from service.evaluation.perturbed_queries import Gallery, Perturb, clean_gallery, perturbed_query
 from service.evaluation.retrieval import collection_files
 from tests.studies.common import Panel, grid, run, save, write
 from tests.studies.perturbation import add_noise, make_soup, separate_parts

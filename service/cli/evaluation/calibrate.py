@@ -13,9 +13,8 @@ from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
 from service.console import counted, fail, print_table, progress, say
-from service.evaluation.calibration import LEVELS, CollectionPairs, part_pairs, study, summary
+from service.evaluation.calibration import LEVELS, clean_gallery, constants, part_pairs, study, summary
 from service.evaluation.pairwise_scores import default_workers, worker_pool
-from service.evaluation.perturbed_queries import clean_gallery
 from service.evaluation.retrieval import Files, collection_files, score_collection, spread
 
 PARTS = 48
@@ -54,19 +53,16 @@ def calibrate_command(
     scored = [score_collection(files, DEFAULT, count) for files in chosen]
     _check([labels for labels, _ in scored], "")
     names = [folder.resolve().name for folder in folders]
-    pairs = [
-        CollectionPairs.of(labels, scores, _perturbed(files, count))
-        for (labels, scores), files in zip(scored, sampled, strict=True)
-    ]
+    perturbed = [level for files in sampled for level in _perturbed(files, count)]
     try:
-        judged = study(names, pairs)
+        judged = study(names, scored, perturbed)
     except ParameterError as error:
         fail(str(error))
     if as_json:
-        typer.echo(json.dumps(judged.as_json()))
+        typer.echo(json.dumps(judged))
     else:
         print_table("each class judged by a model fitted without it", *summary(judged))
-        typer.echo(judged.constants())
+        typer.echo(constants(judged))
     unusable = sum(map(len, chosen)) - sum(len(labels) for labels, _ in scored)
     if unusable:
         fail(f"{unusable} files could not be used")

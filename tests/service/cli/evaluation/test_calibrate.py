@@ -22,7 +22,7 @@ from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW, d
 from service.cli.evaluation import calibrate
 from service.datasets import read_collection
 from service.evaluation import calibration
-from service.evaluation.perturbed_queries import seed_of
+from service.evaluation.calibration import seed_of
 from service.evaluation.retrieval import spread
 from tests.service.cli.conftest import Run, mesh_bytes
 
