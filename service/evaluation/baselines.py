@@ -10,7 +10,8 @@
   distributions", ACM Transactions on Graphics 21(4), 2002).
 - Views: the view descriptor of `core.descriptors` alone.
 
-Libraries are imported where they are used: two of them are optional, and all are slow to import.
+Descriptions raise DegenerateMeshError for a mesh without area. Libraries are imported where they are used:
+two are optional, and all are slow to import.
 """
 
 from collections.abc import Callable, Sequence
@@ -67,17 +68,23 @@ class Baseline:
     library: str | None = None
 
 
+def normal(mesh: Mesh) -> Mesh:
+    """Return the cleaned mesh, centred, along its principal axes, at unit scale."""
+    cleaned = clean(mesh).mesh
+    return Mesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
+
+
 def spectrum(mesh: Mesh) -> Floats:
     """Return eigenvalues by linear finite elements, times the area, each divided by its rank: (EIGENVALUES,).
 
-    The first, 0, is left out. The mesh is cleaned (LaPy wants no face without area) and brought to unit scale
-    (its solver's shift is a fixed number).
+    The first, 0, is left out. LaPy wants no face without area, and its solver's shift is a fixed number, so
+    the mesh is `normal`.
     """
     from lapy import Solver, TriaMesh  # noqa: PLC0415
     from lapy.shapedna import reweight_ev  # noqa: PLC0415
 
-    cleaned = clean(mesh).mesh
-    surface = TriaMesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
+    cleaned = normal(mesh)
+    surface = TriaMesh(cleaned.vertices, cleaned.faces)
     values, _ = Solver(surface).eigs(k=EIGENVALUES + 1, rng=0)
     # LaPy computes the area from edge lengths, which gives NaN for slivers by rounding.
     area = float(face_areas(surface.v, surface.t).sum())
@@ -92,13 +99,12 @@ def spectral_distances(description: Floats, others: Sequence[Floats]) -> Floats:
 
 
 def random_points(mesh: Mesh) -> Floats:
-    """Return random points of the surface, centred, along its principal axes, at unit scale, (500, 3)."""
+    """Return random points of the `normal` surface, shape (ICP_POINTS, 3)."""
     from trimesh import Trimesh  # noqa: PLC0415
     from trimesh.sample import sample_surface  # noqa: PLC0415
 
-    cleaned = clean(mesh).mesh
-    points = normal_frame(cleaned).apply(cleaned.vertices)
-    surface = Trimesh(points, cleaned.faces, process=False)
+    cleaned = normal(mesh)
+    surface = Trimesh(cleaned.vertices, cleaned.faces, process=False)
     return np.asarray(sample_surface(surface, ICP_POINTS, seed=0)[0])
 
 
@@ -110,13 +116,9 @@ def registered_distances(description: Floats, others: Sequence[Floats], *, mirro
 def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) -> float:
     """Return the residual of the best rigid motion: the root mean square of distances both ways.
 
-    Parameters
-    ----------
-    points, target : float64, shape (n, 3) and (m, 3)
-        Both centred and along their principal axes. The search starts from the four rotations that keep
-        these axes, each followed by trimesh's iterations; the best end counts.
-    mirrored : bool
-        Whether the four reflections are also starts.
+    Both clouds, shapes (n, 3) and (m, 3), are centred and along their principal axes. The search starts from
+    the four rotations that keep these axes, if `mirrored` also from the four reflections, each followed by
+    trimesh's iterations; the best end counts.
     """
     from trimesh.registration import icp  # noqa: PLC0415
 
@@ -135,27 +137,19 @@ def closest_motion(points: Floats, target: Floats, *, mirrored: bool = False) ->
 
 def bent_form(mesh: Mesh) -> Floats:
     """Return the canonical form of farthest-point samples, shape (MDS_POINTS, 3); see `canonical_form`."""
-    cleaned = clean(mesh).mesh
-    normal = Mesh(normal_frame(cleaned).apply(cleaned.vertices), cleaned.faces)
-    surface = refine(normal, MDS_VERTICES) if len(normal.vertices) < MDS_VERTICES else normal
+    surface = normal(mesh)
+    if len(surface.vertices) < MDS_VERTICES:
+        surface = refine(surface, MDS_VERTICES)
     graph = edge_graph(surface)
     first = int(np.argmax(np.linalg.norm(surface.vertices, axis=1)))
     return canonical_form(geodesic_distances(graph, farthest_points(graph, MDS_POINTS, first)))
 
 
 def canonical_form(distances: Floats) -> Floats:
-    """Return points in space whose distances approximate the given distances best.
+    """Return points in space, shape (m, 3), whose distances approximate given ones, shape (m, m), best.
 
-    Parameters
-    ----------
-    distances : float64, shape (m, m)
-        Symmetric, zero on the diagonal.
-
-    Returns
-    -------
-    float64, shape (m, 3)
-        Centred points along their principal axes, with unit root mean square radius. MDS leaves rotation and
-        reflection undetermined.
+    The points are centred, along their principal axes (MDS leaves rotation and reflection undetermined), with
+    unit root mean square radius. The given distances are symmetric, zero on the diagonal.
     """
     from sklearn.manifold import MDS  # noqa: PLC0415
 
@@ -170,11 +164,6 @@ def distance_distribution(mesh: Mesh) -> Floats:
     """Return the share of distances between points in each bin, shape (BINS,); the sum is at most 1.
 
     Distances are divided by their mean, so the size of the shape does not matter.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
     """
     surface = clean(mesh).mesh
     areas = face_areas(surface.vertices, surface.faces)
@@ -190,13 +179,7 @@ def histogram_distances(description: Floats, others: Sequence[Floats]) -> Floats
 
 
 def views(mesh: Mesh) -> Bytes:
-    """Return the view descriptor of the cleaned mesh, shape (VIEW_BYTES,).
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
-    """
+    """Return the view descriptor of the cleaned mesh, shape (VIEW_BYTES,)."""
     surface = clean(mesh).mesh
     return view_descriptor(surface.vertices, surface.faces)
 
