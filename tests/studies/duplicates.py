@@ -1,38 +1,67 @@
-"""Recall and precision of planted copies among poses, by the report on duplicates.
+"""The report on duplicates: planted copies among poses, and the times and the truth by force of machine
+parts.
 
-    python -m tests.studies.duplicates DIR [--poses 8] [--seed 0]
+    python -m tests.studies.duplicates DIR [--poses 8] [--seed 0] [--count 60] [--no-force]
 
-The gallery holds poses of one body of every class, which differ by pose alone; where the body is stiff, as a
-cup, other individuals. And it holds people, several poses of each, every one meshed anew. Forty of these
-shapes are stored again as copies under other names: turned, scaled, split, simplified and mirrored. Exits
-with status 1 unless all copies are found, and nothing else.
+duplicates.csv: the gallery holds poses of one body of every class, which differ by pose alone; where the body
+is stiff, as a cup, other individuals. And it holds people, several poses of each, every one meshed anew.
+Forty of these shapes are stored again as copies under other names: turned, scaled, split, simplified and
+mirrored.
+
+first-report.csv: machine parts are stored twice, by a service that seeks duplicates in the background, and by
+one that does not, so that a request seeks them all.
+
+Exits with status 1 unless all copies are found, and nothing else, and both reports on parts are equal, and
+equal to the groups of every pair by force, which takes minutes for 60 parts and hours for 300.
 """
 
+import asyncio
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations, islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from core.gallery import CLASSES
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
-from core.registration.similarity import best_similarity
+from core.registration.similarity import RESIDUAL, best_similarity
+from service.collection import DEFAULT_COLLECTION
+from service.compute import tasks
+from service.container import Container
+from service.duplicates.groups import MIN_CC
+from service.search import repository
+from service.search.likeness import stored_mesh
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter
 from tests.people import make_person
-from tests.service.support import serving, settings_in
+from tests.service.support import Running, serving, settings_in
 from tests.studies.common import run, write
 from tests.studies.copies import KINDS, copy
-
-Pair = tuple[str, str]
+from tests.studies.kinship import COPIES, FAMILIES, TOLERANCES, VARIANTS, changed_part
+from tests.studies.machine_parts import Drawing, Family, part
 
 PLANTED = 40
 PEOPLE = 4
 
 DIFFERENT = 0.01
 """Poses lie farther apart than this, over the root of the area: some draws differ by one degree."""
+
+CLIENTS = 3
+"""Uploads of parts at a time."""
+
+NEW, CHANGED, AMONG = 7, 3, 10
+"""Of ten parts seven are new, two are copies and one is a variant."""
+
+Groups = set[frozenset[str]]
 
 
 def poses_of(label: str, poses: int) -> list[Mesh]:
@@ -53,20 +82,23 @@ def apart(first: Mesh, second: Mesh) -> float:
     return float(np.sqrt(squares.mean() / face_areas(second.vertices, second.faces).sum()))
 
 
-def gallery(poses: int) -> dict[str, Mesh]:
-    """Return the named shapes among which copies are planted."""
+def complete(running: Running) -> dict[str, Any]:
+    """Return the report when all shapes are judged."""
+    while (answer := running.client.get("/duplicates").json())["unjudged"]:
+        pass
+    return dict(answer)
+
+
+def planted_copies(folder: Path, poses: int, seed: int) -> bool:
+    """Write duplicates.csv; return whether the report has all copies, and nothing else."""
     shapes = {
         f"{label}-{pose}": mesh for label in CLASSES for pose, mesh in enumerate(poses_of(label, poses))
     }
-    people = {f"people-{body}-{pose}": make_person(body, pose) for body in range(PEOPLE) for pose in range(4)}
-    return shapes | people
-
-
-def main(folder: Path, poses: int, seed: int) -> bool:
-    """Write duplicates.csv; return whether the report has all copies, and nothing else."""
-    shapes = gallery(poses)
+    shapes |= {
+        f"people-{body}-{pose}": make_person(body, pose) for body in range(PEOPLE) for pose in range(4)
+    }
     names = sorted(shapes)
-    chosen = [names[place] for place in np.random.default_rng(seed).permutation(len(names))[:PLANTED]]
+    chosen = [names[i] for i in np.random.default_rng(seed).permutation(len(names))[:PLANTED]]
     planted = {}
     with TemporaryDirectory() as scratch, serving(settings_in(Path(scratch))) as running:
         for name, mesh in shapes.items():
@@ -75,40 +107,135 @@ def main(folder: Path, poses: int, seed: int) -> bool:
             kind = KINDS[number % len(KINDS)]
             planted[f"{name}.off", f"copy-{number}.off"] = kind
             running.store(write_mesh(copy(shapes[name], kind, number), "off"), f"copy-{number}.off")
-        begun = time.monotonic()
-        while (answer := running.client.get("/duplicates").json())["unjudged"]:
-            pass
-        seconds = time.monotonic() - begun
+        began = time.monotonic()
+        answer = complete(running)
+        seconds = time.monotonic() - began
+    counts = f"{answer['compared']:,} pairs compared, {answer['aligned']:,} registered"
+    print(f"{answer['shapes']} shapes: {counts} in {seconds:.1f} s")
     reported = {
         (group[0]["shape"]["name"], member["shape"]["name"]): member
         for group in answer["groups"]
         for member in group[1:]
     }
-    print(
-        f"{answer['shapes']} shapes: {answer['compared']:,} pairs compared, {answer['aligned']:,} registered "
-        f"in {seconds:.1f} s"
-    )
-    write(folder / "duplicates.csv", [row(kind, planted, reported) for kind in KINDS])
-    for pair in sorted(set(reported) - set(planted)):
-        print(f"{' and '.join(pair)} are no copies: residual {reported[pair]['residual']:.4f}")
-    for first, second in sorted(set(planted) - set(reported)):
-        print(f"{second}, a copy of {first}, was not found")
+    rows = []
+    for kind in KINDS:
+        pairs = [pair for pair, how in planted.items() if how == kind]
+        members = [reported[pair] for pair in pairs if pair in reported]
+        row: dict[str, Any] = {"planted": kind, "copies": len(pairs), "found": len(members)}
+        for likeness in ("same", "scaled", "mirrored"):
+            row[likeness] = sum(member["likeness"] == likeness for member in members)
+        row["largest_residual"] = max((member["residual"] for member in members), default=np.nan)
+        rows.append(row | {"least_cc": min((member["cc"] for member in members), default=np.nan)})
+    write(folder / "duplicates.csv", rows)
+    for pair in sorted(set(reported) ^ set(planted)):
+        print(f"{' and '.join(pair)}: {'no copies' if pair in reported else 'a copy that was not found'}")
     return set(reported) == set(planted)
 
 
-def row(kind: str, planted: dict[Pair, str], reported: dict[Pair, Any]) -> dict[str, Any]:
-    """Return how many copies of a kind were planted and found, and what is told of them."""
-    pairs = [pair for pair, how in planted.items() if how == kind]
-    members = [reported[pair] for pair in pairs if pair in reported]
-    counts = {"planted": kind, "copies": len(pairs), "found": len(members)}
-    for likeness in ("same", "scaled", "mirrored"):
-        counts[likeness] = sum(member["likeness"] == likeness for member in members)
-    residual = max((member["residual"] for member in members), default=float("nan"))
-    return counts | {
-        "largest_residual": residual,
-        "least_cc": min((member["cc"] for member in members), default=float("nan")),
-    }
+def parts(count: int, seed: int = 0) -> Iterator[tuple[str, bytes]]:
+    """Yield names and files of `count` parts; each copy and each variant is of an earlier part."""
+    yield from islice(_parts(50_000 + 100_000 * seed), count)
+
+
+def _parts(number: int) -> Iterator[tuple[str, bytes]]:
+    drawn: list[tuple[Family, int, float]] = []
+    while True:
+        for _ in range(NEW):
+            number += 1
+            drawn.append((FAMILIES[number % len(FAMILIES)], number, TOLERANCES[number % len(TOLERANCES)]))
+            family, drawing, tolerance = drawn[-1]
+            yield _named(family, drawing, "first", number, part(family, Drawing(drawing, tolerance)))
+        for index in range(CHANGED):
+            rng = np.random.default_rng([number, index])
+            family, drawing, tolerance = drawn[rng.integers(len(drawn))]
+            kinds = VARIANTS if index == CHANGED - 1 else COPIES
+            kind = str(kinds[rng.integers(len(kinds))])
+            mesh, _ = changed_part(family, drawing, tolerance, kind, number + index)
+            yield _named(family, drawing, kind.replace("/", " of "), AMONG * number + index, mesh)
+
+
+def _named(family: Family, number: int, kind: str, key: int, mesh: Mesh) -> tuple[str, bytes]:
+    return f"{family}-{number}-{kind}-{key}.stl", write_mesh(mesh, "stl")
+
+
+def groups_by_force(container: Container) -> tuple[Groups, Groups]:
+    """Return the ids of the shapes of each group of two or more, without and with variants.
+
+    The shapes are those of the default collection. Every pair whose match has the least CC is registered from
+    both files.
+    """
+    return asyncio.run(_groups(container))
+
+
+async def _groups(container: Container) -> tuple[Groups, Groups]:
+    with container.database.read() as session:
+        active = container.pipelines.current(session)
+        numbers = shapes_repository.numbers(session, ShapeFilter(DEFAULT_COLLECTION.number))
+        shapes = shapes_repository.records(session, DEFAULT_COLLECTION.number, numbers)
+        entries = active.index.current(session)
+        embeddings = dict(zip(entries.shapes.tolist(), entries.embeddings.tolist(), strict=True))
+        by_number = repository.embedding_records(session, list(embeddings.values()))
+    records = [by_number[embeddings[shape.number]] for shape in shapes]
+    meshes = [await stored_mesh(container, DEFAULT_COLLECTION.number, shape.id) for shape in shapes]
+    parameters = active.pipeline.parameters
+    copies, variants = np.zeros((2, len(shapes), len(shapes)), dtype=bool)
+    for i, j in combinations(range(len(shapes)), 2):
+        if (await container.queue.match(records[i], records[j], active.pipeline)).cc < MIN_CC:
+            continue
+        pair = meshes[i], meshes[j], records[i], records[j]
+        registered = await container.queue.do(tasks.registered, *pair, parameters)
+        if registered is not None and registered.residual <= RESIDUAL:
+            variants[i, j] = True
+            copies[i, j] = registered.difference is None
+    ids = np.array([shape.id for shape in shapes])
+    return _joined(ids, copies), _joined(ids, variants)
+
+
+def _joined(ids: np.ndarray, linked: np.ndarray) -> Groups:
+    count, labels = connected_components(coo_array(linked), directed=False)
+    sets = (frozenset(ids[labels == label].tolist()) for label in range(count))
+    return {group for group in sets if len(group) > 1}
+
+
+def groups(answer: dict[str, Any], field: str) -> Groups:
+    """Return the groups of a report, by a field of their shapes."""
+    return {frozenset(member["shape"][field] for member in group) for group in answer["groups"]}
+
+
+def first_report(folder: Path, count: int, workers: int, *, force: bool) -> bool:
+    """Write first-report.csv; return whether the groups are right."""
+    files = list(parts(count + 1))
+    rows, reports, right = [], [], True
+    for background in (False, True):
+        with TemporaryDirectory() as scratch:
+            settings = settings_in(Path(scratch), workers=workers, duplicates_in_background=background)
+            with serving(settings) as running, ThreadPoolExecutor(CLIENTS) as threads:
+                times = [time.monotonic()]
+                list(threads.map(lambda file: running.store(file[1], file[0]), files[:-1]))
+                times.append(time.monotonic())
+                report = complete(running)
+                times.append(time.monotonic())
+                reports.append(groups(report, "name"))
+                if force and background:
+                    right = groups(report, "id") == groups_by_force(running.container)[0]
+                    print(f"equal to every pair by force: {right}")
+                running.store(files[-1][1], files[-1][0])
+                again = time.monotonic()
+                complete(running)
+                one_more = 1e3 * (time.monotonic() - again)
+        stored, judged = np.diff(times).tolist()
+        row = {"background": background, "parts": count, "stored_s": stored, "report_s": judged}
+        row |= {"compared": report["compared"], "registered": report["aligned"]}
+        rows.append(row | {"groups": len(report["groups"]), "one_more_ms": one_more})
+    write(folder / "first-report.csv", rows)
+    print(f"both reports are equal: {reports[0] == reports[1]}")
+    return right and reports[0] == reports[1]
+
+
+def main(folder: Path, poses: int, seed: int, count: int, workers: int, force: bool) -> bool:
+    """Write both tables; return whether all is right."""
+    return planted_copies(folder, poses, seed) & first_report(folder, count, workers, force=force)
 
 
 if __name__ == "__main__":
-    run(main, __doc__, poses=8, seed=0)
+    run(main, __doc__, poses=8, seed=0, count=60, workers=2, force=True)

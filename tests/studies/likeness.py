@@ -1,22 +1,30 @@
-"""Likeness of 200 pairs of shapes made by code, by a running service, and of all pairs of collections.
+"""Likeness of pairs of shapes made by code, by a running service, and of all pairs of collections.
 
-    python -m tests.studies.likeness DIR [--seed 0] [--each 30] [--collection COLLECTION]
+    python -m tests.studies.likeness DIR [--each 30] [--chiral 40] [--symmetric 20] [--collection COLLECTION]
 
-Exits with status 1 if fewer than 95 % of the planted pairs get a right likeness, or a copy a wrong scale.
-With a collection, thresholds.csv has the shares of its pairs that several thresholds call poses or similar,
-where nothing is registered: rigid copies count as poses.
+likeness.csv has 200 pairs of bodies. chirality.csv has 60 parts, each compared with itself turned and with
+its mirror image turned, on the same mesh and on another: the mirror image of a chiral part is `mirrored`, all
+others are `same`. Exits with status 1 unless 95 % of the bodies get a right likeness, every copy a right
+scale, and all parts on the same mesh, and 110 of 120 on another, a right likeness. With a collection,
+thresholds.csv has the shares of its pairs that several thresholds call poses or similar, where nothing is
+registered: rigid copies count as poses.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from statistics import fmean
 
 import numpy as np
+from numpy.random import Generator, default_rng
 from scipy.special import expit
 
 from core.gallery import CLASSES
 from core.gallery.bodies import make_body
+from core.gallery.solids import Frame, Part, box, ellipsoid, plate, revolved, tube
+from core.gallery.surface import surface
 from core.io import write_mesh
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
@@ -34,8 +42,12 @@ FACTORS = (0.3, 1.5, 2.5, 25.4)
 OTHER_MESH = (1800, 3500)
 """Approximate numbers of vertices of other meshes of a body, which has 2,500."""
 
-RIGHT, SCALE = 0.95, 0.02
-"""Least share of right pairs, and largest relative error of a scale: that of a coarse mesh is less exact."""
+VERTICES, REMESHED = 2000, 2600
+"""Approximate numbers of vertices of a part, and of its other mesh."""
+
+RIGHT, SCALE, RIGHT_REMESHED = 0.95, 0.02, 110 / 120
+"""Least share of right pairs of bodies, largest relative error of a scale (that of a coarse mesh is less
+exact), and least share of right pairs of parts on other meshes."""
 
 KINDS: dict[str, frozenset[Likeness]] = {
     "turned": frozenset({"same"}),
@@ -124,16 +136,113 @@ def thresholds(collection: Path, workers: int) -> list[dict[str, object]]:
     return rows
 
 
-def main(folder: Path, seed: int, each: int, collection: Path | None, workers: int) -> bool:
-    """Write likeness.csv; return whether enough pairs are right, and every scale."""
+def bracket(rng: Generator) -> list[Part]:
+    """Return three bars of different lengths along three axes."""
+    long, middle, short = rng.uniform((1.0, 0.6, 0.3), (1.3, 0.8, 0.45))
+    bar = rng.uniform(0.14, 0.2)
+    sizes = ((long, bar, bar), (bar, middle, bar), (bar, bar, short))
+    places = ((long / 2, 0.0, 0.0), (0.0, middle / 2, 0.0), (0.0, 0.0, short / 2))
+    return [
+        box(Frame().move(*place), size, rounding=0.02, blend=0.01)
+        for place, size in zip(places, sizes, strict=True)
+    ]
+
+
+def screw(rng: Generator) -> list[Part]:
+    """Return a shaft with a head and a thread."""
+    length, radius, turns = rng.uniform((1.2, 0.15, 2.5), (1.6, 0.2, 4.0))
+    angles = np.linspace(0.0, 2.0 * np.pi * turns, int(14 * turns))
+    circle = np.cos(angles), rng.choice((-1.0, 1.0)) * np.sin(angles)
+    thread = np.stack(
+        [*(radius * axis for axis in circle), np.linspace(0.05, 0.85 * length, len(angles))], axis=1
+    )
+    profiles = [
+        [(0.0, low), (wide, low), (wide, high), (0.0, high)]
+        for low, high, wide in ((0.0, length, radius), (length, length + 0.15, 2.2 * radius))
+    ]
+    return [
+        revolved(Frame(), profiles[0], 0.01, blend=0.01),
+        revolved(Frame(), profiles[1], 0.02, blend=0.01),
+        tube(thread, [0.07] * len(thread), blend=0.02),
+    ]
+
+
+def lever(rng: Generator) -> list[Part]:
+    """Return a handle that is bent twice, in two planes, with a knob."""
+    arm, rise, reach = rng.uniform((0.9, 0.3, 0.4), (1.2, 0.5, 0.6))
+    joints = np.array([(0.0, 0.0, 0.0), (arm, 0.0, 0.0), (arm, rise, 0.0), (arm, rise, reach)])
+    knob = ellipsoid(Frame().move(arm, rise, reach), (0.16, 0.16, 0.16), blend=0.03)
+    return [tube(joints, [0.13, 0.1, 0.09, 0.08], blend=0.03), knob]
+
+
+def shoe(rng: Generator) -> list[Part]:
+    """Return a sole that is wider on one side, a toe and an ankle."""
+    length, bulge = rng.uniform((1.0, 0.14), (1.2, 0.22))
+    sole = [(0.0, -0.12), (0.35 * length, -0.1), (0.7 * length, -0.14), (length, 0.02)]
+    sole += [(0.85 * length, 0.12 + bulge), (0.35 * length, 0.1), (0.0, 0.12)]
+    return [
+        plate(Frame(), sole, 0.12, blend=0.02),
+        ellipsoid(Frame().move(0.68 * length, 0.06, 0.12), (0.3 * length, 0.16, 0.14), blend=0.05),
+        tube(np.array([(0.12, 0.0, 0.0), (0.1, 0.0, 0.5)]), [0.15, 0.13], blend=0.08),
+    ]
+
+
+def yoke(rng: Generator) -> list[Part]:
+    """Return a bar with two equal arms, and a knob on one side."""
+    wide, high, bar = rng.uniform((0.9, 0.6, 0.14), (1.1, 0.8, 0.2))
+    bars = [(Frame(), (wide, bar, bar))]
+    bars += [(Frame().move(side * wide / 2, 0.0, high / 2), (bar, bar, high)) for side in (-1, 1)]
+    knob = ellipsoid(Frame().move(0.0, 0.2), (0.15, 0.3, 0.15), blend=0.02)
+    return [*(box(frame, size, rounding=0.02, blend=0.01) for frame, size in bars), knob]
+
+
+def angle(rng: Generator) -> list[Part]:
+    """Return two bars of different lengths in a plane, with a knob."""
+    long, short, bar = rng.uniform((1.0, 0.5, 0.14), (1.3, 0.7, 0.2))
+    bars = [(Frame().move(long / 2), (long, bar, bar)), (Frame().move(0.0, short / 2), (bar, short, bar))]
+    knob = ellipsoid(Frame().move(long), (0.2, 0.16, 0.16), blend=0.02)
+    return [*(box(frame, size, rounding=0.02, blend=0.01) for frame, size in bars), knob]
+
+
+Build = Callable[[Generator], list[Part]]
+CHIRAL: tuple[Build, ...] = (bracket, screw, lever, shoe)
+SYMMETRIC: tuple[Build, ...] = (yoke, angle)
+
+
+def part(build: Build, number: int, vertices: int = VERTICES) -> Mesh:
+    """Return one part; another number of vertices gives another mesh of the same part."""
+    return Mesh(*surface(build(default_rng([number, len(build.__name__)])), vertices))
+
+
+def chiral_pairs(chiral: int, symmetric: int, vertices: int) -> Iterator[PlantedPair]:
+    """Yield each part with itself and with its mirror image, turned, with the second part on another mesh."""
+    cases = [(build, number, True) for number in range(chiral // len(CHIRAL)) for build in CHIRAL]
+    cases += [(build, number, False) for number in range(symmetric // len(SYMMETRIC)) for build in SYMMETRIC]
+    for turn, (build, number, is_chiral) in enumerate(cases):
+        for mirrored in (False, True):
+            second = moved(part(build, number, vertices), turn, mirrored=mirrored)
+            files = write_mesh(part(build, number), "off"), write_mesh(second, "off")
+            kinds = "mirrored" if mirrored else "turned", "chiral" if is_chiral else "symmetric"
+            kind = ", ".join(kinds if vertices == VERTICES else (*kinds, "remeshed"))
+            right: Likeness = "mirrored" if mirrored and is_chiral else "same"
+            yield PlantedPair(kind, f"{build.__name__} {number}", files, frozenset({right}))
+
+
+def main(
+    folder: Path, seed: int, each: int, chiral: int, symmetric: int, collection: Path | None, workers: int
+) -> bool:
+    """Write likeness.csv and chirality.csv; return whether enough pairs are right, and every scale."""
     if collection is not None:
         write(folder / "thresholds.csv", thresholds(collection, workers))
     answers = compared(planted_pairs(seed, each))
     write_table(folder / "likeness.csv", answers)
-    right = sum(answer.right for answer in answers)
-    print(f"{right} of {len(answers)} pairs have a right likeness.")
-    return right >= RIGHT * len(answers) and all(answer.error <= SCALE for answer in answers)
+    parts = [compared(chiral_pairs(chiral, symmetric, vertices)) for vertices in (VERTICES, REMESHED)]
+    write_table(folder / "chirality.csv", [*parts[0], *parts[1]])
+    shares = [fmean(answer.right for answer in group) for group in (answers, *parts)]
+    print("Right likenesses of bodies, parts and remeshed parts:", *(f"{share:.1%}" for share in shares))
+    bounds = zip(shares, (RIGHT, 1.0, RIGHT_REMESHED), strict=True)
+    return all(share >= least for share, least in bounds) and all(answer.error <= SCALE for answer in answers)
 
 
 if __name__ == "__main__":
-    run(main, __doc__, seed=0, each=30, collection=Path, workers=default_workers())
+    run(main, __doc__, seed=0, each=30, chiral=40, symmetric=20, collection=Path, workers=default_workers())

@@ -32,13 +32,9 @@ class Compared:
 
     pair: PlantedPair
     likeness: str
+    right: bool
     error: float
     milliseconds: float
-
-    @property
-    def right(self) -> bool:
-        """Whether the likeness is right."""
-        return self.likeness in self.pair.right
 
 
 def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
@@ -46,16 +42,15 @@ def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
     answers = []
     with TemporaryDirectory() as folder, serving(settings_in(Path(folder))) as running:
         for pair in pairs:
-            ids = [
-                running.store(data, f"{pair.kind} {pair.name} {number}.{pair.format}")["id"]
-                for number, data in enumerate(pair.files)
-            ]
-            answer = running.client.post("/compare", json={"first": ids[0], "second": ids[1]})
-            answer.raise_for_status()
-            told = answer.json()
+            names = (f"{pair.kind} {pair.name} {number}.{pair.format}" for number in (0, 1))
+            first, second = (
+                running.store(data, name)["id"] for data, name in zip(pair.files, names, strict=True)
+            )
+            answer = running.client.post("/compare", json={"first": first, "second": second})
+            told = answer.raise_for_status().json()
             right = told["likeness"] in pair.right
             error = abs(told["scale"] / pair.scale - 1.0) if right and pair.scale is not None else 0.0
-            answers.append(Compared(pair, told["likeness"], error, told["milliseconds"]["likeness"]))
+            answers.append(Compared(pair, told["likeness"], right, error, told["milliseconds"]["likeness"]))
             if not right:
                 expected = " or ".join(sorted(pair.right))
                 print(f"{pair.kind}, {pair.name}: {told['likeness']}, not {expected}; cc {told['cc']:.4f}")

@@ -21,9 +21,9 @@ from core.registration.rigid_copy import (
     may_be_copy,
 )
 from core.registration.similarity import RESIDUAL
-from tests.studies.chirality import part as chiral_part
-from tests.studies.chirality import screw
 from tests.studies.copies import moved, simplified
+from tests.studies.likeness import part as chiral_part
+from tests.studies.likeness import screw
 from tests.studies.machine_parts import Change, Drawing, Family, part
 
 PIPELINE = Pipeline()

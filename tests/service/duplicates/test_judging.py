@@ -23,7 +23,7 @@ from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
 from tests.service.engines import url_in
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
 from tests.studies.copies import moved
-from tests.studies.first_report import groups_by_force, parts
+from tests.studies.duplicates import groups_by_force, parts
 
 PLANE = make_shape("plane", 0)
 
