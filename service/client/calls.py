@@ -194,14 +194,14 @@ def query_file(file: File, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
 
     The options are those of `service.search.schemas.SearchOptions`; metadata may be a mapping.
     """
-    return Call("POST", "/query", parsed(QueryAnswer), data=_texts(_checked(options)), files={"file": file})
+    return Call("POST", "/query", parsed(QueryAnswer), data=_checked(options), files={"file": file})
 
 
 @_with_search_options
 def similar(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
     """Find the stored shapes most similar to a stored shape; the options are part of the address."""
     path = f"/shapes/{segment(shape_id)}/similar"
-    return Call("GET", path, parsed(QueryAnswer), params=_texts(_checked(options)))
+    return Call("GET", path, parsed(QueryAnswer), params=_checked(options))
 
 
 @_with_search_options
@@ -242,8 +242,7 @@ def _compared(
     ids = {name: shape for name, shape in shapes.items() if isinstance(shape, str)}
     if not files:
         return Call("POST", "/compare", read, params=params, json={**ids, **options})
-    fields = {name: _field(value) for name, value in options.items()}
-    return Call("POST", "/compare", read, params=params, data={**ids, **fields}, files=files)
+    return Call("POST", "/compare", read, params=params, data={**ids, **options}, files=files)
 
 
 def duplicates(
@@ -356,7 +355,7 @@ def _filtered(filters: Filters) -> dict[str, Any]:
 
 
 def _checked(options: dict[str, Any]) -> dict[str, Any]:
-    """Return options of a search, each sequence as a list.
+    """Return options of a search.
 
     Raises
     ------
@@ -366,22 +365,4 @@ def _checked(options: dict[str, Any]) -> dict[str, Any]:
     unknown = options.keys() - SearchOptions.model_fields.keys()
     if unknown:
         raise TypeError(f"a search has no option {min(unknown)!r}")
-    if "metadata" in options:
-        options["metadata"] = conditions(options["metadata"])
-    return {
-        name: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value
-        for name, value in options.items()
-    }
-
-
-def _texts(options: dict[str, Any]) -> dict[str, str | list[str]]:
-    return {name: _field(value) for name, value in options.items()}
-
-
-def _field(value: object) -> str | list[str]:
-    """Return a query option as the text of a form field or query parameter; a list repeats the field."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return list(value)
-    return str(value)
+    return options | ({"metadata": conditions(options["metadata"])} if "metadata" in options else {})

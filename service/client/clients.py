@@ -12,65 +12,48 @@ from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
 import httpx
 
 from service.client import calls
-from service.client.requests import (
-    NO_ANSWER,
-    TIMEOUT,
-    Call,
-    Step,
-    UnreachableError,
-    headers_with,
-    pause,
-)
+from service.client.requests import NO_ANSWER, TIMEOUT, Call, Step, UnreachableError, headers_with, pause
 
 P = ParamSpec("P")
 T = TypeVar("T")
+Waited = TypeVar("Waited")
+Awaited = TypeVar("Awaited")
 
 
-class _Method(Generic[P, T]):
-    """A method of both clients: it makes a call, sends it and returns the answer."""
+class _Method(Generic[P, Waited, Awaited]):
+    """A method of both clients: it makes a call and sends it. Waited is what `Client` returns."""
 
-    def __init__(self, make: Callable[P, Call[T]]) -> None:
-        self._make = make
+    def __init__(self, make: Callable[P, Call[Any]], send: str) -> None:
+        self._make, self._send = make, send
         self.__doc__ = make.__doc__
 
     @overload
     def __get__(self, client: None, kind: type) -> Self: ...
     @overload
-    def __get__(self, client: "Client", kind: type) -> Callable[P, T]: ...
+    def __get__(self, client: "Client", kind: type) -> Callable[P, Waited]: ...
     @overload
-    def __get__(self, client: "AsyncClient", kind: type) -> Callable[P, Coroutine[Any, Any, T]]: ...
+    def __get__(self, client: "AsyncClient", kind: type) -> Callable[P, Awaited]: ...
     def __get__(self, client: Any, kind: type) -> Any:
-        return self if client is None else _bound(self._make, client.send)
+        if client is None:
+            return self
+
+        def method(*arguments: P.args, **options: P.kwargs) -> object:
+            return getattr(client, self._send)(self._make(*arguments, **options))
+
+        update_wrapper(method, self._make)
+        # The function that makes the call returns a call; the method returns its answer.
+        signature = inspect.signature(self._make).replace(return_annotation=inspect.Signature.empty)
+        method.__dict__["__signature__"] = signature
+        return method
 
 
-class _Series(Generic[P, T]):
-    """A method of both clients that sends the calls of a series and iterates over all items."""
-
-    def __init__(self, make: Callable[P, Call[Step[T]]]) -> None:
-        self._make = make
-        self.__doc__ = make.__doc__
-
-    @overload
-    def __get__(self, client: None, kind: type) -> Self: ...
-    @overload
-    def __get__(self, client: "Client", kind: type) -> Callable[P, Iterator[T]]: ...
-    @overload
-    def __get__(self, client: "AsyncClient", kind: type) -> Callable[P, AsyncIterator[T]]: ...
-    def __get__(self, client: Any, kind: type) -> Any:
-        return self if client is None else _bound(self._make, client.send_all)
+def _once(make: Callable[P, Call[T]]) -> _Method[P, T, Coroutine[Any, Any, T]]:
+    return _Method(make, "send")
 
 
-def _bound(make: Callable[..., Any], send: Callable[[Any], Any]) -> Callable[..., Any]:
-    """Return a function that makes a call and sends it."""
-
-    def method(*arguments: object, **options: object) -> object:
-        return send(make(*arguments, **options))
-
-    update_wrapper(method, make)
-    # The function that makes the call returns a call; the method returns its answer.
-    signature = inspect.signature(make).replace(return_annotation=inspect.Signature.empty)
-    method.__dict__["__signature__"] = signature
-    return method
+def _series(make: Callable[P, Call[Step[T]]]) -> _Method[P, Iterator[T], AsyncIterator[T]]:
+    """Return a method that sends the calls of a series and iterates over all items."""
+    return _Method(make, "send_all")
 
 
 def _opened(
@@ -86,38 +69,38 @@ def _opened(
 class _Methods:
     """The methods of both clients."""
 
-    upload = _Method(calls.upload)
-    page = _Method(calls.page)
-    shapes = _Series(calls.shapes)
-    shape = _Method(calls.shape)
-    file = _Method(calls.file)
-    embedding = _Method(calls.embedding)
-    thumbnail = _Method(calls.thumbnail)
-    preview = _Method(calls.preview)
-    preview_file = _Method(calls.preview_file)
-    replace_file = _Method(calls.replace_file)
-    update = _Method(calls.update)
-    delete = _Method(calls.delete)
-    deleted = _Series(calls.deleted)
-    restore = _Method(calls.restore)
-    purge = _Method(calls.purge)
-    query_file = _Method(calls.query_file)
-    similar = _Method(calls.similar)
-    query_shape = _Method(calls.query_shape)
-    compare = _Method(calls.compare)
-    duplicates = _Method(calls.duplicates)
-    similarity_map = _Method(calls.similarity_map)
-    send_archive = _Method(calls.send_archive)
-    job = _Method(calls.job)
-    jobs = _Series(calls.jobs)
-    follow_job = _Series(calls.follow_job)
-    job_files = _Series(calls.job_files)
-    cancel_job = _Method(calls.cancel_job)
-    delete_job = _Method(calls.delete_job)
-    collections = _Method(calls.collections)
-    create_collection = _Method(calls.create_collection)
-    delete_collection = _Method(calls.delete_collection)
-    version = _Method(calls.version)
+    upload = _once(calls.upload)
+    page = _once(calls.page)
+    shapes = _series(calls.shapes)
+    shape = _once(calls.shape)
+    file = _once(calls.file)
+    embedding = _once(calls.embedding)
+    thumbnail = _once(calls.thumbnail)
+    preview = _once(calls.preview)
+    preview_file = _once(calls.preview_file)
+    replace_file = _once(calls.replace_file)
+    update = _once(calls.update)
+    delete = _once(calls.delete)
+    deleted = _series(calls.deleted)
+    restore = _once(calls.restore)
+    purge = _once(calls.purge)
+    query_file = _once(calls.query_file)
+    similar = _once(calls.similar)
+    query_shape = _once(calls.query_shape)
+    compare = _once(calls.compare)
+    duplicates = _once(calls.duplicates)
+    similarity_map = _once(calls.similarity_map)
+    send_archive = _once(calls.send_archive)
+    job = _once(calls.job)
+    jobs = _series(calls.jobs)
+    follow_job = _series(calls.follow_job)
+    job_files = _series(calls.job_files)
+    cancel_job = _once(calls.cancel_job)
+    delete_job = _once(calls.delete_job)
+    collections = _once(calls.collections)
+    create_collection = _once(calls.create_collection)
+    delete_collection = _once(calls.delete_collection)
+    version = _once(calls.version)
 
 
 class Client(_Methods):

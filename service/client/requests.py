@@ -97,7 +97,7 @@ class Call(Generic[T]):
     path: str
     read: Callable[[httpx.Response], T]
     params: Mapping[str, Any] = field(default_factory=dict)
-    data: Mapping[str, str | list[str]] = field(default_factory=dict)
+    data: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     json: object = None
     files: Mapping[str, File] = field(default_factory=dict)
