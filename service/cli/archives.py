@@ -13,7 +13,7 @@ import typer
 from rich.progress import TaskID
 
 from core.parameters import Parameters
-from service.cli.local_service import database_named
+from service.cli.service_address import database_named
 from service.compute.executor import start_executors
 from service.compute.request_queue import RequestQueue
 from service.console import fail, messages, output, progress, say

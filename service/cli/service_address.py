@@ -1,15 +1,22 @@
-"""The service that a command talks to."""
+"""The service that a command talks to: at an address, or run by this process on a database."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import httpx
 import typer
+from pydantic import ValidationError
 
+from service.auth.keys import digest_of, new_key
 from service.client import Client, ClientError, ProblemError
 from service.console import say
+from service.errors import ArchiveError
 from service.server.process import DEFAULT_PORT, LOOPBACK
+
+if TYPE_CHECKING:
+    from service.settings import Settings
 
 Url = Annotated[
     str | None,
@@ -66,46 +73,37 @@ def service_at(
         The environment is wrong, or the address names no database.
     """
     with _client(url, key, collection, new=new) as client:
-        if collection is not None:
-            _check_collection(client, collection)
+        try:
+            if collection is not None:
+                client.page(limit=1)
+        except ProblemError as error:
+            if error.kind != "collection-not-found":
+                raise
+            raise ClientError(
+                f"there is no collection {collection!r}; "
+                f"`isoshape collections --create {collection}` makes one"
+            ) from error
         yield client
-
-
-def _check_collection(client: Client, collection: str) -> None:
-    try:
-        client.page(limit=1)
-    except ProblemError as error:
-        if error.kind != "collection-not-found":
-            raise
-        raise ClientError(
-            f"there is no collection {collection!r}; `isoshape collections --create {collection}` makes one"
-        ) from error
 
 
 @contextmanager
 def _client(url: str | None, key: str | None, collection: str | None, *, new: bool) -> Iterator[Client]:
-    if url and not _is_database(url):
-        with Client(url, key=key, collection=collection) as client:
-            client.version()
-            say(f"using the service at {url}")
-            yield client
-        return
-    # Here, so that a command that is given the address of a service does not wait for the settings.
-    from service.cli.local_service import own_service, settings_with  # noqa: PLC0415
+    if not url or ("://" in url and not url.lower().startswith(("http://", "https://"))):
+        # Here, so that a command that is given the address of a service does not wait for the settings.
+        from service.settings import load_settings  # noqa: PLC0415
 
-    settings = settings_with(url)
-    local = f"http://{LOOPBACK}:{DEFAULT_PORT}"
-    if "database_url" not in settings.model_fields_set and _answers(local, key):
-        say(f"using the service at {local}")
-        with Client(local, key=key, collection=collection) as client:
-            yield client
-        return
-    with own_service(settings, collection, new=new) as client:
+        settings = load_settings()
+        if url:
+            settings = settings.model_copy(update={"database_url": database_named("--url", url)})
+        url = f"http://{LOOPBACK}:{DEFAULT_PORT}"
+        if "database_url" in settings.model_fields_set or not _answers(url, key):
+            with _own_service(settings, collection, new=new) as client:
+                yield client
+            return
+    with Client(url, key=key, collection=collection) as client:
+        client.version()
+        say(f"using the service at {url}")
         yield client
-
-
-def _is_database(url: str) -> bool:
-    return "://" in url and not url.lower().startswith(("http://", "https://"))
 
 
 def _answers(url: str, key: str | None) -> bool:
@@ -118,3 +116,47 @@ def _answers(url: str, key: str | None) -> bool:
     except ClientError:
         return False
     return True
+
+
+def database_named(argument: str, place: str) -> str:
+    """Return the URL of a database; `place` is that URL or the path of an SQLite file.
+
+    Raises
+    ------
+    SettingsError
+        The place names no database; the message begins with the name of the argument.
+    """
+    # Here for the same reason.
+    from service.settings import Settings, SettingsError  # noqa: PLC0415
+
+    url = place if "://" in place else f"sqlite:///{Path(place).absolute()}"
+    try:
+        return Settings(database_url=url).database_url
+    except ValidationError as error:
+        raise SettingsError(
+            f"{argument}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        ) from error
+
+
+@contextmanager
+def _own_service(settings: "Settings", collection: str | None, *, new: bool) -> Iterator[Client]:
+    # Here, so that a command that finds a service does not wait for these imports.
+    from sqlalchemy.engine import make_url  # noqa: PLC0415
+
+    from service.storage.sqlite import path_of  # noqa: PLC0415
+
+    named = make_url(settings.database_url).render_as_string(hide_password=True)
+    # A server of databases is asked later.
+    if not (new or not settings.database_url.startswith("sqlite") or path_of(settings.database_url).exists()):
+        raise ArchiveError(f"there is no archive at {named}; `isoshape ingest` makes one")
+    from service.app import create_app  # noqa: PLC0415
+    from service.server.uvicorn_server import in_thread  # noqa: PLC0415
+
+    say(f"using the database {named}")
+    # Other users of this machine reach its port too.
+    key = new_key()
+    changes: dict[str, Any] = {"api_keys": (digest_of(key),), "read_keys": (), "rate_limit": 0}
+    if "log_level" not in settings.model_fields_set:
+        changes["log_level"] = "error"
+    with in_thread(create_app(settings.model_copy(update=changes)), key, collection) as client:
+        yield client

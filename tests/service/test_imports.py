@@ -226,5 +226,5 @@ def test_only_the_app_and_the_command_line_know_the_app() -> None:
                 "service.app",
                 "service.openapi_document",
                 "service.cli.serve",
-                "service.cli.local_service",
+                "service.cli.service_address",
             }, module
