@@ -11,13 +11,15 @@ from tests.soak.collections.folders import SAMPLE, data
 
 pytestmark = pytest.mark.collections
 
-LEAST = {"nn": 0.91, "ft": 0.71, "st": 0.81}
+LEAST = {"nn": 0.895, "ft": 0.709, "st": 0.81}
 """Least measures of psb by CC: measured ones less 0.01."""
 VIEWS = {"nn": 0.703, "ft": 0.449, "st": 0.574}
 """Measures of webmodels by the view descriptor alone."""
 
 CALIBRATED = {"psb": 190, "shrec11": 300, "webmodels": 495}
 """Number of shapes of each collection that calibrates."""
+FITTED = 64
+"""Number of shapes of each collection in a sample: by half as many the errors are three times as large."""
 LARGEST_ERROR, OF_SAMPLES, OF_FEW_PARTS = 0.01, 0.02, 0.06
 """Largest expected calibration errors by models fitted to whole collections, to samples of them, and to the
 incomplete shapes made from a fifth of the samples."""
@@ -43,10 +45,10 @@ def test_views_are_as_good_as_measured_on_web_models() -> None:
 
 def test_the_constants_are_those_of_the_command_and_calibrated() -> None:
     """Classes are judged by models that have not seen them. A sample gives other constants."""
-    options = ["--limit", str(SAMPLE), "--parts", str(SAMPLE // 5)] if SAMPLE else []
+    options = ["--limit", str(FITTED), "--parts", str(FITTED // 5)] if SAMPLE else []
     fitted = report("calibrate", *(str(data() / name) for name in CALIBRATED), *options)
     sizes = [collection["shapes"] for collection in fitted["collections"]]
-    assert sizes == ([SAMPLE] * len(CALIBRATED) if SAMPLE else list(CALIBRATED.values()))
+    assert sizes == ([FITTED] * len(CALIBRATED) if SAMPLE else list(CALIBRATED.values()))
     if not SAMPLE:
         for model, written in ((fitted, CALIBRATED_POOL), (fitted["incomplete"], CALIBRATED_PARTS)):
             assert model["intercept"] == pytest.approx(written.intercept, abs=0.01)
