@@ -38,9 +38,10 @@ def test_each_is_answered_as_it_must_be_within_limits(running: tuple[int, httpx.
 def test_memory_stays_flat(running: tuple[int, httpx.Client]) -> None:
     pid, client = running
     cases = [case for case in CORPUS if not case.slow]
-    first, last = memory_after(pid, client, cases, 2)
-    assert last.service - first.service < GROWTH["service"]
-    assert last.workers - first.workers < GROWTH["workers"]
+    first, *later = memory_after(pid, client, cases, 3)
+    # A leak shows in every round; the age of the processes that read in one.
+    assert min(memory.service for memory in later) - first.service < GROWTH["service"]
+    assert min(memory.workers for memory in later) - first.workers < GROWTH["workers"]
     # It was the service that was looked at, and processes of its own.
     assert first.service > 50
     assert first.workers > 50
