@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ import numpy as np
 
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.views import view_signature
-from core.embedding import Embedding
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
 from service.errors import ArchiveError
@@ -111,61 +111,96 @@ def check(path: Path, *, lock_seconds: float) -> CheckReport:
     ArchiveError
         The file is not an archive, or a newer version wrote it.
     """
-    report = CheckReport()
     with closing(connect(path, lock_seconds=lock_seconds)) as connection:
         check_version(connection, path)
-        for part in (_file, _references, _blobs, _embeddings, _shapes, _pipelines, _others):
+        return _Check(connection).run()
+
+
+class _Check:
+    """The check of one archive. Each method checks one part, or yields the faults of one row."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        self._report = CheckReport()
+        self._dimensions: dict[str, object] = {}
+
+    def run(self) -> CheckReport:
+        """Check all parts; a part that SQLite cannot read is a fault."""
+        beside = "(SELECT {} FROM coarse_samples WHERE embedding_number = number)"
+        descriptors = map(beside.format, ("embedding_number", "view_signature", "reliability"))
+        embedding = ", ".join(("checksum", "fingerprint", "signature", "record", *descriptors))
+        shape = ", ".join(("checksum", *SHAPE_COLUMNS, *SHAPE_TIMES))
+        pipeline = "checksum, fingerprint, method, parameters"
+        parts: list[Callable[[], None]] = [
+            self._file,
+            self._references,
+            partial(self._rows, "blobs", "number", "sha256, size, data", BLOBS_AT_ONCE, self._blob),
+            partial(self._rows, "embeddings", "number", embedding, EMBEDDINGS_AT_ONCE, self._embedding),
+            partial(self._rows, "shapes", "number", shape, EMBEDDINGS_AT_ONCE, self._shape),
+            partial(self._rows, "pipelines", "rowid", pipeline, EMBEDDINGS_AT_ONCE, self._pipeline),
+        ]
+        for table, key in OTHER_BYTES.items():
+            faults_of = partial(self._bytes, table)
+            parts.append(partial(self._rows, table, key, "data, checksum", BLOBS_AT_ONCE, faults_of))
+        for part in parts:
             try:
-                part(connection, report)
+                part()
             except sqlite3.Error as error:
-                report.faults.append(f"the file cannot be read: {reason(error)}")
-    return report
+                self._report.faults.append(f"the file cannot be read: {reason(error)}")
+        return self._report
 
+    def _file(self) -> None:
+        """Check pages, indexes and constraints with SQLite's own check, then foreign keys."""
+        faults = self._report.faults
+        for (message,) in self._connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
+            if message != "ok":
+                faults.append(f"the file: {message}")
+        # SQLite reads the statement of each table and index, and not the name of the table beside it.
+        schema = self._connection.execute("SELECT type, name, tbl_name FROM sqlite_master").fetchall()
+        tables = {name for kind, name, _ in schema if kind == "table"}
+        for kind, name, table in schema:
+            if table not in tables or (kind == "table" and name != table):
+                faults.append(f"the file: the schema names another table beside the {kind} {name}")
+        for table, row, parent, _ in self._connection.execute("PRAGMA foreign_key_check"):
+            faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
 
-def _file(connection: sqlite3.Connection, report: CheckReport) -> None:
-    """Check pages, indexes and constraints with SQLite's own check, then foreign keys."""
-    for (message,) in connection.execute(f"PRAGMA integrity_check({MOST_INTEGRITY_FAULTS})"):
-        if message != "ok":
-            report.faults.append(f"the file: {message}")
-    # SQLite reads the statement of each table and index, and not the name of the table beside it.
-    schema = connection.execute("SELECT type, name, tbl_name FROM sqlite_master").fetchall()
-    tables = {name for kind, name, _ in schema if kind == "table"}
-    for kind, name, table in schema:
-        if table not in tables or (kind == "table" and name != table):
-            report.faults.append(f"the file: the schema names another table beside the {kind} {name}")
-    for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
-        report.faults.append(f"{table} row {row} refers to a row of {parent} that is not there")
+    def _references(self) -> None:
+        """Run the queries of `REFERENCES`, which foreign keys do not cover, in one transaction."""
+        execute = self._connection.execute
+        execute("BEGIN")
+        try:
+            query = "SELECT count(*) FROM shapes WHERE deleted_at IS NULL"
+            (self._report.shapes,) = execute(query).fetchone()
+            for fault, query in REFERENCES.items():
+                self._report.faults.extend(fault.format(name) for (name,) in execute(query))
+        finally:
+            execute("ROLLBACK")
 
+    def _rows(
+        self, table: str, key: str, columns: str, at_once: int, faults_of: Callable[..., Iterator[str]]
+    ) -> None:
+        """Check all rows of a table in the order of their keys."""
+        query = f"SELECT {key}, {columns} FROM {table} WHERE {key} > ? ORDER BY {key} LIMIT ?"
+        last, more = -1, True
+        while more:
+            more = False
+            for row in self._connection.execute(query, (last, at_once)):
+                more, last = True, row[0]
+                try:
+                    self._report.faults.extend(faults_of(*row))
+                except (TypeError, AttributeError, ValueError):
+                    self._report.faults.append(f"{table} row {last} has a value of the wrong kind")
 
-def _references(connection: sqlite3.Connection, report: CheckReport) -> None:
-    """Run the queries of `REFERENCES`, which foreign keys do not cover, in one transaction."""
-    connection.execute("BEGIN")
-    try:
-        (report.shapes,) = connection.execute(
-            "SELECT count(*) FROM shapes WHERE deleted_at IS NULL"
-        ).fetchone()
-        for fault, query in REFERENCES.items():
-            report.faults.extend(fault.format(name) for (name,) in connection.execute(query))
-    finally:
-        connection.execute("ROLLBACK")
-
-
-def _blobs(connection: sqlite3.Connection, report: CheckReport) -> None:
-    def check_blob(number: int, digest: str, size: int, data: bytes) -> Iterator[str]:
-        report.blobs += 1
-        report.bytes += len(data)
+    def _blob(self, number: int, digest: str, size: int, data: bytes) -> Iterator[str]:
+        self._report.blobs += 1
+        self._report.bytes += len(data)
         if len(data) != size:
             yield f"blob {number} has {len(data)} bytes, not {size}"
         if sha256(data).hexdigest() != digest:
             yield f"blob {number} does not have the SHA-256 {digest}"
 
-    _check_rows(connection, "blobs", "sha256, size, data", BLOBS_AT_ONCE, check_blob, report)
-
-
-def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
-    dimensions: dict[str, object] = {}
-
-    def faults_of_embedding(
+    def _embedding(
+        self,
         number: int,
         checksum: str,
         fingerprint: str,
@@ -174,100 +209,46 @@ def _embeddings(connection: sqlite3.Connection, report: CheckReport) -> None:
         coarse_samples: int | None,
         *views: bytes | float | None,
     ) -> Iterator[str]:
-        report.embeddings += 1
-        report.pipelines[fingerprint] = report.pipelines.get(fingerprint, 0) + 1
+        self._report.embeddings += 1
+        self._report.pipelines[fingerprint] = self._report.pipelines.get(fingerprint, 0) + 1
         try:
             embedding = embedding_from_bytes(record)
         except BadRecordError as error:
             yield f"embedding {number} cannot be read: {error}"
             return
+        own_views = view_signature(embedding.descriptors["views"]).tobytes()
+        dimensions = (
+            len(embedding.signature),
+            [(spectrum.name, spectrum.coordinates.shape[1]) for spectrum in embedding.spectra],
+        )
         faults = []
         if embedding.fingerprint != fingerprint:
             faults.append(f"is of {embedding.fingerprint}, and stored as one of {fingerprint}")
         if not np.array_equal(np.frombuffer(signature, np.uint8), embedding.signature.view(np.uint8)):
             faults.append("has a signature beside it that is not its own")
-        if coarse_samples is not None and views != _views_of(embedding):
+        if coarse_samples is not None and views != (own_views, intrinsic_reliability(embedding.facts)):
             faults.append("has views beside its coarse samples that are not its own")
-        if dimensions.setdefault(fingerprint, _dimensions(embedding)) != _dimensions(embedding):
+        if self._dimensions.setdefault(fingerprint, dimensions) != dimensions:
             faults.append(f"has other dimensions than the first of {fingerprint}")
         if not faults and not is_whole(record, checksum):
             faults.append("does not have its checksum")
         yield from (f"embedding {number} {fault}" for fault in faults)
 
-    beside = "(SELECT {} FROM coarse_samples WHERE embedding_number = number)"
-    descriptors = ", ".join(
-        beside.format(name) for name in ("embedding_number", "view_signature", "reliability")
-    )
-    columns = f"checksum, fingerprint, signature, record, {descriptors}"
-    _check_rows(connection, "embeddings", columns, EMBEDDINGS_AT_ONCE, faults_of_embedding, report)
-
-
-def _shapes(connection: sqlite3.Connection, report: CheckReport) -> None:
-    names = (*SHAPE_COLUMNS, *SHAPE_TIMES)
-
-    def check_shape(number: int, checksum: str, *columns: object) -> Iterator[str]:
-        tags = connection.execute(
-            "SELECT tag FROM shape_tags WHERE shape_number = ? ORDER BY position", [number]
-        )
-        values = connection.execute("SELECT key, value FROM shape_metadata WHERE shape_number = ?", [number])
-        shape = dict(zip(names, columns, strict=True))
-        if shape_checksum(shape, [tag for (tag,) in tags], values.fetchall()) != checksum:
+    def _shape(self, number: int, checksum: str, *columns: object) -> Iterator[str]:
+        tags = "SELECT tag FROM shape_tags WHERE shape_number = ? ORDER BY position"
+        values = "SELECT key, value FROM shape_metadata WHERE shape_number = ?"
+        shape = dict(zip((*SHAPE_COLUMNS, *SHAPE_TIMES), columns, strict=True))
+        own_tags = [tag for (tag,) in self._connection.execute(tags, [number])]
+        if shape_checksum(shape, own_tags, self._connection.execute(values, [number])) != checksum:
             yield f"shape {shape['id']} does not have its checksum"
 
-    columns = ", ".join(("checksum", *names))
-    _check_rows(connection, "shapes", columns, EMBEDDINGS_AT_ONCE, check_shape, report)
-
-
-def _pipelines(connection: sqlite3.Connection, report: CheckReport) -> None:
-    def check_pipeline(_row: int, checksum: str, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
+    def _pipeline(self, _row: int, checksum: str, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
         if pipeline_checksum(*pipeline) != checksum:
             yield f"pipeline {pipeline[0]} does not have its checksum"
 
-    columns = "checksum, fingerprint, method, parameters"
-    _check_rows(connection, "pipelines", columns, EMBEDDINGS_AT_ONCE, check_pipeline, report, "rowid")
-
-
-def _others(connection: sqlite3.Connection, report: CheckReport) -> None:
-    """Check the bytes of the tables in `OTHER_BYTES`."""
-    for table, key in OTHER_BYTES.items():
-
-        def check_bytes(number: int, data: bytes, checksum: str, table: str = table) -> Iterator[str]:
-            if not is_whole(data, checksum):
-                yield f"{table} row {number} does not have its checksum"
-
-        _check_rows(connection, table, "data, checksum", BLOBS_AT_ONCE, check_bytes, report, key)
-
-
-def _views_of(embedding: Embedding) -> tuple[bytes, float]:
-    """Return the view signature and the reliability of an embedding."""
-    return view_signature(embedding.descriptors["views"]).tobytes(), intrinsic_reliability(embedding.facts)
-
-
-def _dimensions(embedding: Embedding) -> object:
-    """Return the dimensions that all embeddings of one pipeline share."""
-    return len(embedding.signature), [(each.name, each.coordinates.shape[1]) for each in embedding.spectra]
-
-
-def _check_rows(
-    connection: sqlite3.Connection,
-    table: str,
-    columns: str,
-    at_once: int,
-    faults_of: Callable[..., Iterator[str]],
-    report: CheckReport,
-    key: str = "number",
-) -> None:
-    """Check all rows of a table in the order of their numbers."""
-    query = f"SELECT {key}, {columns} FROM {table} WHERE {key} > ? ORDER BY {key} LIMIT ?"
-    last, more = -1, True
-    while more:
-        more = False
-        for row in connection.execute(query, (last, at_once)):
-            more, last = True, row[0]
-            try:
-                report.faults.extend(faults_of(*row))
-            except (TypeError, AttributeError, ValueError):
-                report.faults.append(f"{table} row {last} has a value of the wrong kind")
+    def _bytes(self, table: str, number: int, data: bytes, checksum: str) -> Iterator[str]:
+        if not is_whole(data, checksum):
+            yield f"{table} row {number} does not have its checksum"
 
 
 def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:

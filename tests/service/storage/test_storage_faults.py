@@ -56,6 +56,7 @@ def test_a_database_that_may_not_be_written(frail: Running, kept: str, engine: s
             assert said in assert_problem(call(), 503, "storage-unavailable")["detail"]
         for call in reads(frail, kept).values():
             assert call().status_code == 200
+        assert frail.client.get("/readyz").status_code == 200
     assert_recovered(frail, kept)
 
 
