@@ -64,17 +64,17 @@ help:
 
 # The environment is made again when its lock changes. Three files mark its state: the locked packages, this project
 # (whose build fetches setuptools into an environment of its own), and the tools for its tests. A lock written again
-# with the same content, as by a checkout, installs nothing; an interrupted installation continues. What the project
-# imports is compiled here: a process that imports it with a full disk would leave half a compiled module behind.
+# with the same content, as by a checkout, installs nothing; an interrupted installation continues. The tests of
+# packages go. Modules are compiled here: a process that imports one with a full disk would leave half of it behind.
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
-	@cmp -s requirements.lock $@ || { echo 'Installing about 500 MB into $(VENV).'; \
+	@cmp -s requirements.lock $@ || { echo 'Installing about 480 MB into $(VENV).'; \
 		cmp -s requirements.lock $(VENV)/.begun || $(PYTHON) -m venv --clear $(VENV); cp requirements.lock $(VENV)/.begun; \
 		$(PIP) install --no-compile --require-hashes --requirement requirements.lock; \
 		$(PIP) uninstall --yes setuptools; \
-		find $(VENV)/lib -path '*/pip/*' -name '*.pyc' -delete; \
-		$(BIN)/python -m compileall -q -j 0 -x '/(tests?|testing|distutils|f2py|pip)/|/lexers/[a-oq-z]' $(VENV)/lib; }
+		find $(VENV)/lib -depth \( -path '*/pip/*.pyc' -o -path '*/tests/*' \) -delete; \
+		$(BIN)/python -m compileall -q -j 0 -x '/pip/' $(VENV)/lib; }
 	@cp requirements.lock $@
 
 $(RUNTIME): pyproject.toml $(PACKAGES)
