@@ -76,12 +76,14 @@ def count(session: ReadSession, shapes: ShapeFilter) -> int:
 def stored(session: ReadSession, collection: CollectionNumber) -> int:
     """Return the number of shapes of a collection.
 
-    If no other collection has shapes, this counts all rows, which takes a third of the time.
+    If no other collection has shapes, the deleted rows are taken from all rows: SQLite counts all rows of a
+    table in a third of the time of those that match a condition.
     """
-    query = select(func.count()).where(NOT_DELETED)
     if others_hold_shapes(session, collection):
-        query = query.where(ShapeRow.collection_number == collection)
-    return session.scalars(query).one()
+        query = select(func.count()).where(ShapeRow.collection_number == collection, NOT_DELETED)
+        return session.scalars(query).one()
+    deleted = select(func.count()).where(~NOT_DELETED).scalar_subquery()
+    return session.scalars(select(func.count() - deleted).select_from(ShapeRow)).one()
 
 
 def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bool:
