@@ -231,7 +231,3 @@ def test_many_first_dimensions_need_that_no_signs_are_tried():
     with pytest.raises(ParameterError, match="first_dimensions"):
         DEFAULT.with_values(spectral={"dimensions": 20}, matching={"sign_starts": True, **many})
     DEFAULT.with_values(spectral={"dimensions": 20}, matching={"sign_starts": False, **many})
-
-
-def test_both_named_settings_are_named():
-    assert (DEFAULT.name, PAPER.name) == ("default", "paper")

@@ -68,17 +68,6 @@ def test_a_pose_with_its_vertices_in_another_order(body, shuffled, wrong):
         assert (errors < 0.1).mean() > 0.98
 
 
-def test_it_beats_the_partner_of_the_nearest_pair(body, shuffled):
-    order, here, there = shuffled
-    distances = surface_distances(body)
-    pairs = pairs_of(order, 60)
-    inverse = np.argsort(order)
-    by_pair = pairs[np.argmin(distances[:, pairs[:, 0]], axis=1), 1]
-    everywhere = np.arange(len(order))
-    plain = distances[inverse[by_pair], everywhere].mean()
-    assert distances[inverse[extend(here, there, pairs)], everywhere].mean() < 0.5 * plain
-
-
 def test_a_mesh_of_fewer_vertices_than_functions():
     solid = trimesh.creation.box((1.0, 2.0, 3.0)).subdivide()
     mesh = Mesh(solid.vertices, solid.faces)
@@ -101,9 +90,3 @@ def test_the_rows_are_those_of_a_tree(scale):
     there, back = nearest_both_ways(ours, theirs)
     np.testing.assert_array_equal(there, cKDTree(theirs).query(ours)[1])
     np.testing.assert_array_equal(back, cKDTree(ours).query(theirs)[1])
-
-
-def test_rows_and_themselves():
-    rows = np.random.default_rng(5).normal(size=(40, 100))
-    for found in nearest_both_ways(rows, rows):
-        np.testing.assert_array_equal(found, np.arange(40))

@@ -43,10 +43,6 @@ def graphs():
     return {name: (graph, sampled(graph, min(80, graph.shape[0] // 2))) for name, graph in made.items()}
 
 
-def test_there_are_twenty_meshes(graphs):
-    assert len(graphs) == 20
-
-
 @pytest.mark.parametrize("name", MANY_KINDS)
 def test_tree_weighs_what_the_tree_of_all_geodesic_distances_weighs(graphs, name):
     graph, samples = graphs[name]
@@ -100,15 +96,6 @@ def test_sparse_graph_of_a_mesh_full_of_ties_does_not_hang_on_how_it_is_given(se
     found = sparse_graph(edge_graph(changed), place[samples])
     assert found.edges.tolist() == expected.edges.tolist()
     np.testing.assert_allclose(found.lengths, expected.lengths)
-
-
-def test_edges_of_a_square():
-    assert half_edges(SQUARE.faces).edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
-
-
-def test_edges_of_a_closed_surface():
-    ball = icosphere(2)
-    assert len(half_edges(ball.faces).edges) == 3 * len(ball.faces) // 2
 
 
 def test_diagonal_across_a_square():

@@ -391,9 +391,6 @@ def test_20000_instances_of_20000_faces():
     data = glb(indices=np.tile(TRIANGLES, (1667, 1)), **nodes(*[{"mesh": 0}] * 4000, roots=range(4000)))
     with pytest.raises(MeshTooComplexError, match="80016000 triangles"):
         corners(data)
-    data = glb(indices=np.tile(TRIANGLES, (1667, 1)), **nodes(*[{"mesh": 0}] * 20_000, roots=range(20_000)))
-    with pytest.raises(MeshTooComplexError, match="20000 instances"):
-        corners(data)
 
 
 def test_a_deep_scene():

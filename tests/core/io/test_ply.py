@@ -8,11 +8,10 @@ import pytest
 from core.errors import (
     DegenerateMeshError,
     MalformedMeshError,
-    MeshTooComplexError,
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_mesh
+from core.io import read_mesh
 from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_ply, counted, lines, ply, ply_header
 
 TEXT, BINARY = ply(), binary_ply()
@@ -180,12 +179,6 @@ def test_polygons_of_different_size(write, polygons):
     assert np.array_equal(mesh.vertices, CUBE)
 
 
-@pytest.mark.parametrize("write", [ply, binary_ply])
-def test_pentagons(write):
-    mesh = read_mesh(write(CUBE, [[0, 1, 2, 3, 4]] * 2), "ply")
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]] * 2
-
-
 def header(*changes):
     data = TEXT
     for old, new in changes:
@@ -300,11 +293,3 @@ def test_bad(case):
     data, error = BAD[case]
     with pytest.raises(error):
         read_mesh(data, "ply")
-
-
-@pytest.mark.parametrize("write", [ply, binary_ply])
-def test_a_polygon_counts_as_the_triangles_it_is_cut_into(write):
-    data = write(CUBE, [[0, 1, 2, 3, 4, 5, 6, 7], [0, 1, 2]])
-    assert len(read_mesh(data, "ply", limits=Limits(faces=7)).faces) == 7
-    with pytest.raises(MeshTooComplexError):
-        read_mesh(data, "ply", limits=Limits(faces=6))

@@ -116,6 +116,22 @@ def test_formats_without_a_writer_are_refused(format):
         write_mesh(sphere(0), format)
 
 
+PLACES = np.repeat(np.arange(20_000), 3)
+ODD = {
+    "a triangle": Mesh(np.eye(3), [[0, 1, 2]]),
+    "a needle": Mesh([[0, 0, 0], [1, 0, 0], [1, 2.0**-30, 0]], [[0, 1, 2]]),
+    "a plane": Mesh([[x, y, 0] for x in range(4) for y in range(4)], [[0, 1, 4], [1, 5, 4], [10, 11, 15]]),
+    "three faces on one edge": Mesh(
+        [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
+    ),
+    "twenty thousand loose parts": Mesh(
+        np.column_stack([PLACES // 200, PLACES % 200, 0 * PLACES]) + np.tile(np.eye(3) / 2, (20_000, 1)),
+        np.arange(60_000).reshape(-1, 3),
+    ),
+    "one face with area": Mesh([*CUBE, [5.0, 5.0, 5.0]], [*[[8, 8, 8]] * 100, [0, 1, 2]]),
+}
+
+
 @pytest.mark.parametrize("format", PLAIN)
 class TestEveryFormat:
     def test_empty(self, format):
@@ -185,33 +201,12 @@ class TestEveryFormat:
         assert area(read) == pytest.approx(torus.area, rel=1e-5)
         assert volume(read) == pytest.approx(torus.volume, rel=1e-5)
 
-    def test_a_triangle(self, format):
-        triangle = Mesh(np.eye(3), [[0, 1, 2]])
-        assert area(read_mesh(write_mesh(triangle, format), format)) == pytest.approx(np.sqrt(3) / 2)
-
-    def test_a_plane(self, format):
-        grid = Mesh(
-            np.array([[x, y, 0.0] for x in range(4) for y in range(4)]), [[0, 1, 4], [1, 5, 4], [10, 11, 15]]
-        )
-        assert area(read_mesh(write_mesh(grid, format), format)) == pytest.approx(1.5)
-
-    def test_three_faces_on_one_edge(self, format):
-        fan = Mesh(
-            [[0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]]
-        )
-        assert len(read_mesh(write_mesh(fan, format), format).faces) == 3
-
-    def test_twenty_thousand_loose_parts(self, format):
-        corners = np.arange(60_000).reshape(-1, 3)
-        places = np.repeat(np.arange(20_000), 3)
-        vertices = np.column_stack([places // 200, places % 200, np.zeros(60_000)]) + np.tile(
-            np.eye(3) / 2, (20_000, 1)
-        )
-        assert len(read_mesh(write_mesh(Mesh(vertices, corners), format), format).faces) == 20_000
-
-    def test_one_face_with_area_is_enough(self, format):
-        mesh = Mesh([*CUBE, [5.0, 5.0, 5.0]], [*[[8, 8, 8]] * 100, [0, 1, 2]])
-        assert len(read_mesh(write_mesh(mesh, format), format).faces) == 101
+    @pytest.mark.parametrize("name", ODD)
+    def test_odd_meshes_keep_their_faces_and_their_area(self, format, name):
+        mesh = ODD[name]
+        again = read_mesh(write_mesh(mesh, format), format)
+        assert len(again.faces) == len(mesh.faces)
+        assert area(again) == pytest.approx(area(mesh))
 
     @pytest.mark.parametrize(
         ("vertices", "faces"),
@@ -227,22 +222,12 @@ class TestEveryFormat:
         with pytest.raises(DegenerateMeshError):
             read_mesh(write_mesh(Mesh(np.asarray(vertices) * scale, faces), format), format)
 
-    def test_a_needle_is_not_without_area(self, format):
-        needle = Mesh([[0, 0, 0], [1, 0, 0], [1, 2.0**-30, 0]], [[0, 1, 2]])
-        assert len(read_mesh(write_mesh(needle, format), format).faces) == 1
-
-    def test_limit_of_faces(self, format):
+    def test_limits(self, format):
         data = write_mesh(sphere(1), format)
-        assert len(read_mesh(data, format, limits=Limits(faces=80)).faces) == 80
-        with pytest.raises(MeshTooComplexError, match="limit"):
-            read_mesh(data, format, limits=Limits(faces=79))
-
-    def test_limit_of_vertices(self, format):
-        data = write_mesh(sphere(1), format)
-        assert len(read_mesh(data, format, limits=Limits(vertices=42)).faces) == 80
-        if format != "stl":
+        assert len(read_mesh(data, format, limits=Limits(faces=80, vertices=42)).faces) == 80
+        for limits in (Limits(faces=79), Limits(vertices=41))[: 1 if format == "stl" else 2]:
             with pytest.raises(MeshTooComplexError, match="limit"):
-                read_mesh(data, format, limits=Limits(vertices=41))
+                read_mesh(data, format, limits=limits)
 
     @pytest.mark.parametrize("part", [1, 10, 50, 84, 99])
     def test_cut_short(self, format, part):

@@ -7,7 +7,6 @@ import pytest
 
 from core.errors import (
     DegenerateMeshError,
-    EmptyFileError,
     ExternalReferenceError,
     MalformedMeshError,
     MeshTooComplexError,
@@ -114,11 +113,12 @@ REFUSED = {
 }
 
 
+@pytest.mark.parametrize("read", [read_mesh, read_parts])
 @pytest.mark.parametrize("name", REFUSED)
-def test_a_faulty_file_is_refused_by_its_cause(name):
+def test_a_faulty_file_is_refused_by_its_cause(name, read):
     data, error = REFUSED[name]
     with pytest.raises(error) as caught:
-        read_mesh(data, "step")
+        read(data, "step")
     assert type(caught.value) is error
     assert "passwd" not in str(caught.value)
     assert "GLB" not in str(caught.value)
@@ -166,11 +166,6 @@ def test_the_instances_of_the_parts_make_up_the_whole():
     whole = read_mesh(MACHINE, "step")
     assert sum(part.instances * len(part.mesh.faces) for part in parts) == len(whole.faces)
     assert sum(part.instances * len(part.mesh.vertices) for part in parts) == len(whole.vertices)
-
-
-def test_one_part_of_several_instances():
-    (box,) = read_parts(step_assembly(), "stp")
-    assert (box.name, box.path, box.instances) == ("box", ("whole", "0"), 2)
 
 
 def test_several_products_without_an_assembly():
@@ -254,19 +249,6 @@ def test_text_that_never_ends_takes_little_time():
     start = time.process_time()
     check_products(data, DEFAULT_LIMITS)
     assert time.process_time() - start < 5
-
-
-def test_faults_of_files():
-    with pytest.raises(EmptyFileError):
-        read_parts(b"", "step")
-    with pytest.raises(MalformedMeshError, match="gzip"):
-        read_parts(b"\x1f\x8b", "step")
-    with pytest.raises(MalformedMeshError, match="cut short"):
-        read_parts(MACHINE[: len(MACHINE) // 2], "step")
-    file = Step()
-    file.product("nothing", [], file.context("millimetre"))
-    with pytest.raises(NoTrianglesError, match="STEP"):
-        read_parts(file.data(), "step")
 
 
 def test_a_part_without_area_is_refused_by_its_name(monkeypatch):

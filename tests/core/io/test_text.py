@@ -224,8 +224,11 @@ BAD_OBJ = {
 @pytest.mark.parametrize("case", BAD_OFF)
 def test_bad_off(case):
     data, error = BAD_OFF[case]
-    with pytest.raises(error):
+    with pytest.raises(error) as caught:
         read_mesh(data, "off")
+    message = str(caught.value)
+    assert message[0].islower() or message.startswith("OFF")
+    assert not any(sign in message for sign in ("Error", "array(", "b'", "<", "site-packages", "\n"))
 
 
 @pytest.mark.parametrize("case", BAD_OBJ)
@@ -261,12 +264,3 @@ def test_a_polygon_counts_as_the_triangles_it_is_cut_into():
 def test_blank_lines_cost_nothing():
     assert is_cube(read_mesh(off().replace(b"\n", b"\n" * 10_000), "off"))
     assert is_cube(read_mesh(obj().replace(b"\n", b"\n" * 10_000), "obj"))
-
-
-def test_messages_are_for_people():
-    for data, error in BAD_OFF.values():
-        with pytest.raises(error) as caught:
-            read_mesh(data, "off")
-        message = str(caught.value)
-        assert message[0].islower() or message.startswith("OFF")
-        assert not any(sign in message for sign in ("Error", "array(", "b'", "<", "site-packages", "\n"))

@@ -161,18 +161,3 @@ def test_a_shape_s_own_samples_are_shown_beside_themselves():
     matches, distances, effective = one_to_one_pairs(shape, shape, np.eye(K, dtype=np.float32), same=True)
     assert np.array_equal(matches, np.arange(30))
     assert distances.shape == effective.shape == (30,)
-
-
-def test_a_turned_copy_is_found_sample_by_sample():
-    rng = np.random.default_rng(5)
-    clouds = [cloud(rng, 120, K) for _ in range(2)]
-    order = np.concatenate([rng.permutation(60), 60 + rng.permutation(60)])
-    signs = [rng.choice(np.float32([-1, 1]), size=K) for _ in clouds]
-    copies = [(points * flip)[order] for points, flip in zip(clouds, signs, strict=True)]
-    first, second = (record_of(embedded(made, 60)) for made in (clouds, copies))
-    first, second = sorted((first, second), key=lambda shape: tuple(shape.key.view(np.uint32)))
-    scores, rotation = match(first, second, DEFAULT)
-    assert scores == pytest.approx([1.0, 0.0, 1.0], abs=1e-5)
-    assert np.diag(rotation) == pytest.approx(np.concatenate(signs), abs=1e-4)
-    matches, _, _ = one_to_one_pairs(first, second, rotation, same=False)
-    assert np.array_equal(order[matches], np.arange(60))

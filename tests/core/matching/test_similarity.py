@@ -6,14 +6,6 @@ import pytest
 from core.matching.similarity import correlation, effective_distance, effective_pairs, squared_difference
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_the_correlation_is_bounded_and_symmetric(seed):
-    rng = np.random.default_rng(seed)
-    first, second = rng.normal(size=(2, 12, 3))
-    assert -1.0 <= correlation(first, second) <= 1.0
-    assert correlation(first, second) == pytest.approx(correlation(second, first), abs=1e-15)
-
-
 def test_the_correlation_of_one_coordinate_is_pearsons():
     rng = np.random.default_rng(1)
     first, second = rng.normal(size=(2, 30, 1))
@@ -33,11 +25,6 @@ def test_a_scaled_copy_correlates_fully_and_its_opposite_inversely():
     points = np.random.default_rng(3).normal(size=(20, 4))
     assert correlation(points, 7.0 * points + 1.0) == pytest.approx(1.0, abs=1e-14)
     assert correlation(points, -0.5 * points + 1.0) == pytest.approx(-1.0, abs=1e-14)
-
-
-def test_independent_coordinates_do_not_correlate():
-    square = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
-    assert correlation(square, square[:, ::-1]) == pytest.approx(0.0, abs=1e-15)
 
 
 def test_a_cloud_that_is_one_point_correlates_with_nothing():

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from core.errors import MalformedMeshError, MeshError, NonFiniteCoordinatesError, NoTrianglesError
-from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh, face_normals
-from tests.core.shapes import icosphere
 
 CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
@@ -17,10 +15,6 @@ def test_keeps_what_it_is_given():
     assert mesh.faces.dtype == np.int64
     assert mesh.vertices.tolist() == CORNERS
     assert mesh.faces.tolist() == [[0, 1, 2]]
-
-
-def test_takes_lists():
-    assert Mesh(CORNERS, [[0, 1, 2]]).faces.shape == (1, 3)
 
 
 def test_takes_whole_numbers_as_indices_whatever_their_type():
@@ -101,21 +95,6 @@ def test_the_message_names_the_wrong_index():
         Mesh(CORNERS, [[0, 1, 7]])
     with pytest.raises(MeshError, match="vertex -2, but there are 3"):
         Mesh(CORNERS, [[0, 1, -2]])
-
-
-def test_normals_of_a_sphere_point_outwards_and_have_length_one():
-    ball = icosphere(3)
-    corners = ball.vertices[ball.faces]
-    normals = face_normals(corners)
-    centres = corners.mean(axis=1)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(normals, centres / np.linalg.norm(centres, axis=1, keepdims=True), atol=0.02)
-
-
-def test_normals_that_are_not_unit_are_twice_as_long_as_the_area():
-    ball = icosphere(2)
-    lengths = np.linalg.norm(face_normals(ball.vertices[ball.faces], unit=False), axis=1)
-    np.testing.assert_allclose(lengths, 2.0 * face_areas(ball.vertices, ball.faces), rtol=1e-12)
 
 
 def test_the_other_direction_of_a_face_has_the_opposite_normal():

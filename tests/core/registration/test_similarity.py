@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from manifold3d import CrossSection, Manifold
 from numpy.testing import assert_allclose
-from scipy.optimize import minimize
 
 from core.gallery import make_shape
-from core.mesh.box_tree import closest_on_triangles
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.registration.curved_surface import CurvedSurface, curved_surface
@@ -47,20 +45,6 @@ def test_the_determinant_is_the_one_asked_for_and_no_rotation_nearby_is_better()
             turn = np.linalg.solve(np.eye(3) + skew, np.eye(3) - skew) @ found.rotation
             other = points @ turn.T + target.mean(axis=0) - turn @ points.mean(axis=0)
             assert ((other - target) ** 2).sum() > least
-
-
-def test_the_closest_point_of_a_triangle_is_that_of_a_search_over_its_inside() -> None:
-    draws = np.random.default_rng(4)
-    for corners, point in zip(draws.normal(size=(20, 3, 3)), draws.normal(size=(20, 3)), strict=True):
-        (found,) = closest_on_triangles(corners[None], np.zeros((1, 1), dtype=np.int64), point[None])
-        searched = minimize(
-            lambda shares, corners=corners, point=point: float(((shares @ corners - point) ** 2).sum()),
-            np.full(3, 1.0 / 3.0),
-            bounds=[(0.0, 1.0)] * 3,
-            constraints={"type": "eq", "fun": lambda shares: shares.sum() - 1.0},
-            options={"ftol": 1e-14, "maxiter": 500},
-        )
-        assert_allclose(found, searched.x @ corners, atol=1e-4)
 
 
 def test_points_are_spread_by_area_on_a_surface_of_unit_area() -> None:

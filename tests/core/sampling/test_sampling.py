@@ -42,13 +42,6 @@ def test_the_cut_takes_the_largest_first_and_ties_by_order():
     np.testing.assert_array_equal(sort_and_cut(np.ones(100), 30), np.arange(30))
 
 
-def test_the_cut_leaves_nothing_larger_behind():
-    weights = uneven(500)
-    samples = sort_and_cut(weights, 50)
-    assert (np.diff(weights[samples]) <= 0.0).all()
-    assert np.delete(weights, samples).max() <= weights[samples].min()
-
-
 def test_keyed_numbers_are_roughly_uniform():
     points = np.random.default_rng(1).normal(size=(20_000, 3))
     numbers = keyed_uniform(points, 3)

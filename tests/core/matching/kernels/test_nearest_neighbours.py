@@ -67,12 +67,6 @@ def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():
     assert np.array_equal(both(targets, points, 16384)[0], back)
 
 
-def test_every_point_is_its_own_neighbour():
-    points = random_cloud(3, 100, 10)
-    for matches in both(points, points, 128):
-        assert np.array_equal(matches, np.arange(100))
-
-
 def test_the_first_of_coincident_points_is_taken():
     points = np.repeat(random_cloud(4, 10, 6), 3, axis=0)
     for matches in both(points, points, 128):

@@ -15,7 +15,6 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
 from tests.core.matching.reference import (
-    best_map_reference,
     match_pair_reference,
     refine_map_reference,
     score_pairs_reference,
@@ -182,20 +181,6 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
     assert np.array_equal(back, plain_back)
     assert found == pytest.approx(score, abs=1e-5)
     assert rotation == pytest.approx(plain, abs=2e-3)
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("m", "n"), [(50, 80), (110, 90)])
-def test_the_best_map_is_the_plain_one(m, n, seed):
-    x, y = random_record(seed, m, m, K, 2), random_record(70 + seed, n, n + 30, K, 2)
-    for changes in ({}, {"sides": 1, "kept_maps": 1, "align_rounds": 0}):
-        rounds = search_rounds(parameters_for(K))._replace(final_rounds=0, **changes)
-        found, pairs = np.zeros((2 * K, 2 * K), dtype=np.float32), np.empty((2, max(m, n)), dtype=np.int32)
-        nothing = np.empty((0, 2 * K), dtype=np.float32)
-        score = fit_map(x, y, rounds, pairs[0, :m], pairs[1, :n], nothing, nothing, found)
-        expected, plain = best_map_reference(x, y, rounds)
-        assert score == pytest.approx(expected, abs=1e-4)
-        assert found == pytest.approx(plain, abs=5e-3)
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])

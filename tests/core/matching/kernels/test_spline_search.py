@@ -26,15 +26,6 @@ def test_the_correlation_whatever_the_signs_is_the_plain_one(k, scale):
         assert found == pytest.approx(signless_correlation_reference(points, targets, matches, k), abs=1e-5)
 
 
-def test_columns_of_any_signs_correlate_fully_with_themselves():
-    points = columns(4, 40, 6)
-    flipped = points * np.float32([1, -1, -1, 1, -1, 1])[:, None]
-    order = np.random.default_rng(5).permutation(40)
-    matches = np.argsort(order).astype(np.int32)
-    found = signless_correlation(points, np.ascontiguousarray(flipped[:, order]), matches, 6)
-    assert found == pytest.approx(1.0, abs=1e-6)
-
-
 def test_points_all_matched_to_one_do_not_correlate():
     points, targets = columns(6, 30, 4), np.zeros((4, 30), dtype=np.float32)
     for matches in (np.zeros(30, dtype=np.int32), np.arange(30, dtype=np.int32)):
@@ -66,18 +57,6 @@ def test_the_search_is_the_plain_one(m, n, starts, first):
             step_iterations=2,
         )
         assert np.array_equal(found, expected)
-
-
-def test_the_search_leaves_what_it_reads_and_finds_the_same_twice():
-    points, targets = columns(7, 32, 6), columns(8, 30, 6)
-    operators = whole(points, 3)
-    kept = [array.copy() for array in (points, targets, operators)]
-    found = np.empty((2, 32), dtype=np.int32)
-    for row in found:
-        spline_search(points, targets, operators, 3, 8, 1, 1, 128, row)
-    assert np.array_equal(*found)
-    for array, before in zip((points, targets, operators), kept, strict=True):
-        assert np.array_equal(array, before)
 
 
 def searched(x, y, rounds):
