@@ -302,10 +302,7 @@ class Parameters(BaseModel):
     def from_values(cls, values: Mapping[str, Any]) -> Self:
         """Return parameters from a name and groups of values; all others have the defaults.
 
-        Raises
-        ------
-        ParameterError
-            An unknown parameter, a wrong type, or a value out of its range.
+        Raise ParameterError for an unknown parameter, a wrong type, or a value out of its range.
         """
         try:
             return cls.model_validate(values)
@@ -316,11 +313,7 @@ class Parameters(BaseModel):
         """Return these parameters with another name, or other values in the named groups.
 
         `DEFAULT.with_values(name="few", sampling={"samples": 60})` differs from `DEFAULT` in these two.
-
-        Raises
-        ------
-        ParameterError
-            See `from_values`.
+        Errors are those of `from_values`.
         """
         values: dict[str, Any] = self.model_dump()
         for key, change in changes.items():
@@ -343,10 +336,7 @@ class Parameters(BaseModel):
     def from_json(cls, text: str) -> Self:
         """Return parameters from a JSON object of groups; values that it lacks have the defaults.
 
-        Raises
-        ------
-        ParameterError
-            Not a JSON object, or not valid: see `from_values`.
+        Raise ParameterError for other text, and the errors of `from_values`.
         """
         try:
             values = json.loads(text)

@@ -63,10 +63,7 @@ class Pipeline:
     def open_surface(self, mesh: Mesh) -> Mesh:
         """Return a mesh clean, simplified and smoothed, in its normal frame, with its boundary loops open.
 
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has no area.
+        Raise DegenerateMeshError if it has no area.
         """
         with guarded():
             return sparse_embedding.opened(clean(mesh), self.parameters)
@@ -104,23 +101,14 @@ class Pipeline:
     def score(self, query: Embedding, candidates: Sequence[Embedding]) -> Scores:
         """Compute CC, SSD and sim of one shape with each of c others: the means over their spectra.
 
-        Raises
-        ------
-        IncompatibleEmbeddingsError
-            An embedding was made with other parameters.
+        Raise IncompatibleEmbeddingsError if an embedding was made with other parameters, as all methods do.
         """
         with guarded():
             prepared = self._checked(query)
             return self.matcher.score(prepared, (self._checked(candidate) for candidate in candidates))
 
     def match(self, first: Embedding, second: Embedding) -> Match:
-        """Compute the scores and the correspondence of two shapes.
-
-        Raises
-        ------
-        IncompatibleEmbeddingsError
-            An embedding was made with other parameters.
-        """
+        """Compute the scores and the correspondence of two shapes; errors are those of `score`."""
         with guarded():
             orientations = _orientations(first, second)
             match = self.matcher.match(self._checked(first), self._checked(second), orientations)
@@ -130,17 +118,8 @@ class Pipeline:
     def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], bool | None]:
         """Compute correspondences of samples that fit about equally well, at most `MAPS`, best first.
 
-        Returns
-        -------
-        list of int64, shape (p, 2)
-            Pairs (sample of the first shape, sample of the second); a sample may be in several pairs.
-        bool or None
-            Whether they reverse orientation: see `core.embedding.Match`.
-
-        Raises
-        ------
-        IncompatibleEmbeddingsError
-            An embedding was made with other parameters.
+        Each has pairs (sample of the first shape, sample of the second), shape (p, 2); a sample may be in
+        several. The second value tells whether they reverse orientation, as in `core.embedding.Match`.
         """
         orientations = _orientations(first, second)
         if orientations is None:

@@ -94,10 +94,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
 def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     """Return the descriptors of a record, without its embedded points.
 
-    Raises
-    ------
-    BadRecordError
-        The bytes are not a record, or a descriptor has the wrong shape or type.
+    Raise BadRecordError if the bytes are not a record, or a descriptor has the wrong shape or type.
     """
     with _reading():
         arrays = load(data)

@@ -7,6 +7,7 @@ surfaces are rigid copies, the nearest point after registration is the more exac
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,41 +98,21 @@ def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Flo
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _VertexMap:
-    """One direction of the map between two working surfaces of w and x vertices.
-
-    Attributes
-    ----------
-    forward : int64, shape (w,)
-        The vertex of the other surface for each vertex of this one.
-    confidence : float64, shape (w,)
-        In [0, 1].
-    backward : int64, shape (x,)
-        The vertex of this surface for each vertex of the other one.
-    """
+class _VertexMap(NamedTuple):
+    """A vertex of the other surface for each of w vertices, with a confidence in [0, 1], and the way back."""
 
     forward: Ints
     confidence: Floats
     backward: Ints
 
 
-@dataclass(frozen=True, eq=False)
-class _Registered:
+class _Registered(NamedTuple):
     """A working surface of w vertices registered to the other, both at unit area.
 
-    Attributes
-    ----------
-    points, moved : float64, shape (w, 3)
-        Its vertices, before and after the transform onto the other surface.
-    gaps : float64, shape (w,)
-        Their distances from the other surface.
-    coincide : bool, shape (w,)
-        Whether these are at most `NEAR`.
-    nearest : int64, shape (w,)
-        The vertex of the other surface nearest to the closest point on it.
-    length : float
-        The length, on this working surface, of 1 on the other at unit area.
+    `points` and `moved`, shape (w, 3), are its vertices before and after the transform onto the other
+    surface, `gaps` their distances from it, and `coincide` tells whether these are at most `NEAR`. `nearest`
+    is the vertex of the other surface nearest to the closest point, and `length` the length, on this working
+    surface, of 1 on the other at unit area.
     """
 
     points: Floats
@@ -142,19 +123,8 @@ class _Registered:
     length: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Partners:
-    """The partners of the w vertices of a working surface.
-
-    Attributes
-    ----------
-    vertices : int64, shape (w,)
-        Vertices of the other working surface.
-    confidence : float64, shape (w,)
-    partnered : bool, shape (w,)
-    displacement : float64, shape (w,), or None
-        As in `core.embedding.DenseCorrespondence`, in units of the given mesh.
-    """
+class _Partners(NamedTuple):
+    """The partners of w vertices on the other working surface, as in `core.embedding.DenseCorrespondence`."""
 
     vertices: Ints
     confidence: Floats
@@ -342,12 +312,10 @@ def stretch(first: Mesh, second: Mesh, partners: Ints) -> Floats:
     mapped = second.vertices[partners]
     count = len(first.vertices)
 
-    def squares(points: Floats) -> Floats:
-        return np.bincount(rows, ((points[rows] - points[columns]) ** 2).sum(axis=1), count).astype(
-            np.float64
-        )
-
-    before, after = squares(first.vertices), squares(mapped)
+    before, after = (
+        np.bincount(rows, ((points[rows] - points[columns]) ** 2).sum(axis=1), count)
+        for points in (first.vertices, mapped)
+    )
     ratio = np.log(np.maximum(np.sqrt(after / np.maximum(before, np.finfo(float).tiny)), _LEAST))
     valence = np.bincount(rows, minlength=count)
     mean = (ratio + np.bincount(rows, ratio[columns], count)) / (1 + valence)

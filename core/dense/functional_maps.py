@@ -71,15 +71,7 @@ class Basis:
 
 
 def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
-    """Return the first eigenfunctions of a mesh, as many as `count`, or as its n vertices allow.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Clean: no vertex twice, none without a face.
-    count : int
-        >= 2.
-    """
+    """Return the first eigenfunctions of a clean mesh, as many as `count` >= 2, or as its vertices allow."""
     areas = laplacian(mesh)[1]
     total = float(areas.sum())
     values, functions = approximate_laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)

@@ -48,14 +48,7 @@ def boundary_ratio(mesh: Mesh, area: float) -> float:
     A boundary loop is a connected set of boundary edges. A loop of length l bounds a disc of area at most
     l^2 / 4 pi (isoperimetric inequality), so a removed limb counts by its cross section, and many small holes
     count little. Components below `LEAST_COMPONENT_AREA` of the area are ignored, and the ratio of a surface
-    of several pieces (`MAIN_SHARE`) is 0.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Its coincident vertices are merged.
-    area : float
-        Area of the surface, > 0.
+    of several pieces (`MAIN_SHARE`) is 0. Coincident vertices are merged; the area of the surface is > 0.
     """
     edges = boundary_edges(mesh.half_edges)
     if not len(edges):
@@ -83,10 +76,6 @@ def intrinsic_reliability(facts: Facts) -> float:
 
     1 / (1 + b / 0.02 + m / 0.02 + (k - 1) / 2), with b and m the shares of edges that have one face and more
     than two faces, and k the number of components.
-
-    Parameters
-    ----------
-    facts : Facts
     """
     edges = max(1.0, 1.5 * (facts.faces - facts.dropped_faces))
     faults = (
@@ -113,12 +102,7 @@ def global_descriptors(mesh: Mesh) -> Floats:
 
     A is the area, V the enclosed volume, H and B are the volume and the area of the convex hull. V is the sum
     of the signed tetrahedra between the area centroid and the faces; for an open surface it is only a number.
-    The descriptors fall with compactness, with the filled share of the hull and with smoothness.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Its area is > 0.
+    The descriptors fall with compactness, with the filled share of the hull and with smoothness. A is > 0.
     """
     faces = mesh.faces
     areas = face_areas(mesh.vertices, faces)
@@ -132,14 +116,7 @@ def global_descriptors(mesh: Mesh) -> Floats:
 
 @compiled_for_reading
 def signed_volume(vertices: Floats, faces: Ints) -> float:
-    """Compute the sum of the signed volumes of the tetrahedra between the origin and each face.
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-        Negative volume where a face is oriented inwards.
-    """
+    """Compute the sum of the volumes of tetrahedra between the origin and each face, < 0 for inward faces."""
     total = 0.0
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

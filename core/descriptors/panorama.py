@@ -53,10 +53,7 @@ def panoramas(points: Floats, normals: Floats, axes: Floats) -> Floats:
 def magnitudes(maps: Floats) -> Floats:
     """Return magnitudes of low frequencies, shape (..., `kept().sum()`), of sum 1 for each panorama.
 
-    Parameters
-    ----------
-    maps : float64, shape (..., AZIMUTHS, HEIGHTS)
-        >= 0; those of a panorama without a value have sum 0.
+    Panoramas, shape (..., AZIMUTHS, HEIGHTS), are >= 0; the sum is 0 for one without a value.
     """
     around, along = _waves()
     kept_magnitudes = np.abs(around @ maps @ along.T)[..., kept()]

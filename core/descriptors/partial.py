@@ -54,18 +54,10 @@ ROW_COUNTS = {False: KEYPOINTS, True: KEYPOINTS + PART_ROWS}
 
 
 def describe_part(surface: Mesh) -> Bytes:
-    """Return the spin images of a surface as a part, for each share of `MISSING_SHARES`.
+    """Return the spin images of a surface as a part, for each share of `MISSING_SHARES` after the other.
 
-    Parameters
-    ----------
-    surface : Mesh
-        Clean, with area > 0 and its boundary loops open.
-
-    Returns
-    -------
-    uint8, shape (PART_ROWS, SPIN_IMAGE_LENGTH + len(RADII))
-        The spin images of one share after those of another. The last columns are 1 for each usable support
-        ball of the keypoint, else 0.
+    The surface is clean, with area > 0 and its boundary loops open. Of the result, uint8, shape (PART_ROWS,
+    SPIN_IMAGE_LENGTH + len(RADII)), the last columns are 1 for each usable support ball of the keypoint.
     """
     boundary = _boundary_points(surface)
     tree = cKDTree(boundary) if len(boundary) else None
@@ -150,20 +142,9 @@ class DescriptorDistance:
 def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
     """Return the spin images of a surface as rows of bytes.
 
-    The first `KEYPOINTS` rows describe the surface as a whole. An incomplete surface has `PART_ROWS` more
-    rows, which describe it as a part (`core.descriptors.partial.describe_part`).
-
-    Parameters
-    ----------
-    surface : Mesh
-        Clean, with area > 0. An incomplete surface has its boundary loops open.
-    boundary_ratio : float
-        As `core.descriptors.facts` computes it; above `INCOMPLETE` the surface is incomplete.
-
-    Returns
-    -------
-    uint8, shape (r, ROW_LENGTH)
-        r is `ROW_COUNTS` of whether the surface is incomplete.
+    The first `KEYPOINTS` rows describe the surface as a whole. An incomplete surface, whose boundary ratio is
+    above `INCOMPLETE` and whose loops are open, has `PART_ROWS` more rows, which describe it as a part
+    (`describe_part`). The surface is clean, with area > 0; the result is uint8, shape (r, ROW_LENGTH).
     """
     whole = np.ones((KEYPOINTS, ROW_LENGTH), dtype=np.uint8)
     whole[:, :SPIN_IMAGE_LENGTH] = spin_images(surface).bytes
@@ -171,15 +152,7 @@ def describe(surface: Mesh, *, boundary_ratio: float) -> Bytes:
 
 
 def whole_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
-    """Return the larger of the two one-sided distances of whole surfaces, shape (c,), >= 0.
-
-    Parameters
-    ----------
-    query : uint8, shape (r, ROW_LENGTH)
-        Descriptors of the surface, from `describe`.
-    others : sequence of uint8, each of shape (r, ROW_LENGTH)
-        Descriptors of the candidates.
-    """
+    """Return the larger of the two one-sided distances of whole surfaces, shape (c,), >= 0."""
     wholes = [whole_spin_images(other) for other in others]
     return np.asarray(spin_image_distances(whole_spin_images(query), wholes).max(axis=1))
 
@@ -187,12 +160,7 @@ def whole_distances(query: Bytes, others: Sequence[Bytes]) -> Floats:
 def descriptor_distance(query: Bytes, others: Sequence[Bytes], whole: Floats) -> DescriptorDistance:
     """Return descriptor distances of one surface to c others; none depends on the other candidates.
 
-    Parameters
-    ----------
-    query : uint8, shape (r, ROW_LENGTH)
-    others : sequence of uint8, each of shape (r, ROW_LENGTH)
-    whole : float64, shape (c,)
-        `whole_distances` of them, which are the distances of complete surfaces.
+    `whole` are the `whole_distances` of them, shape (c,), which are the distances of complete surfaces.
     """
     part = np.array([is_part(query) or is_part(other) for other in others], dtype=bool)
     distance = np.where(part, np.inf, whole)

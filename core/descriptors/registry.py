@@ -128,13 +128,7 @@ class ShapeDescriptors:
 
 
 def compute_descriptors(surface: DescribedSurface) -> dict[str, NDArray[Any]]:
-    """Return the array of each of `DESCRIPTORS`, by name.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The surface has no area.
-    """
+    """Return the array of each of `DESCRIPTORS`, by name; raise DegenerateMeshError if there is no area."""
     return {name: descriptor.compute(surface) for name, descriptor in DESCRIPTORS.items()}
 
 

@@ -45,16 +45,10 @@ FAR = np.int32(2**31 - 1)
 
 @dataclass(frozen=True, eq=False)
 class SpinImages:
-    """The spin images of one surface.
+    """The spin images of one surface, one a row of uint8, shape (k, SPIN_IMAGE_LENGTH).
 
-    Attributes
-    ----------
-    bytes : uint8, shape (k, SPIN_IMAGE_LENGTH)
-        One spin image a row.
-    points : float64, shape (k, 3)
-        The keypoints, in the mesh's units.
-    unit : float
-        The square root of the area of the whole, in the mesh's units.
+    The keypoints, shape (k, 3), and the unit, which is the square root of the area of the whole, are in the
+    mesh's units.
     """
 
     bytes: Bytes

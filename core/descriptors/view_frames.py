@@ -63,18 +63,7 @@ class NormalisedSurface:
 
 
 def normalised_surface(vertices: Floats, faces: Ints) -> NormalisedSurface:
-    """Centre and scale a surface, and find its frames.
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-
-    Raises
-    ------
-    DegenerateMeshError
-        The surface has no area.
-    """
+    """Centre and scale a surface, and find its frames; raise DegenerateMeshError if it has no area."""
     # Centre and scale the surface, exactly over its triangles.
     low, high = bounds(vertices)
     extent = max(float((high - low).max()), float(np.finfo(np.float64).tiny))
@@ -185,13 +174,7 @@ ANGLES, STEPS = 720, 5
 def directed(plane: Floats, corners: Floats, areas: Floats) -> Floats:
     """Return axes of a plane, the first towards most of the surface by its angle, shape (2, 3).
 
-    Parameters
-    ----------
-    plane : float64, shape (2, 3)
-        Rows are orthonormal.
-    corners : float64, shape (f, 3, 3)
-        Corners of the faces; the centroid of the surface is the origin.
-    areas : float64, shape (f,)
+    The rows of the plane are orthonormal; the centroid of the faces, of corners (f, 3, 3), is the origin.
     """
     moments = moments_of_plane(corners @ plane[0] + 1j * (corners @ plane[1]), areas)
     angles = np.arange(ANGLES) * (2.0 * np.pi / ANGLES)
@@ -207,14 +190,7 @@ def directed(plane: Floats, corners: Floats, areas: Floats) -> Floats:
 
 
 def moments_of_plane(corners: NDArray[np.complex128], areas: Floats) -> NDArray[np.complex128]:
-    """Return the integral of z^m over that of |z|^m, the latter by the corners, for each of `ORDERS`.
-
-    Parameters
-    ----------
-    corners : complex128, shape (f, 3)
-        x + iy of the corners.
-    areas : float64, shape (f,)
-    """
+    """Return the integral of z^m over that of |z|^m, the latter by the corners z, for each of `ORDERS`."""
     powers = np.ones((3, len(corners)), dtype=complex)
     moments = []
     for order in range(1, ORDERS[-1] + 1):

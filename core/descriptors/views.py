@@ -35,12 +35,8 @@ PARTNERS = 16
 def pair_histogram(points: Floats, normals: Floats) -> Floats:
     """Compute shares of point pairs, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS), of sum 1.
 
-    Parameters
-    ----------
-    points : float64, shape (ORIENTED_POINTS, 3)
-        Sample points, evenly spread by area, at a root mean square radius of 1.
-    normals : float64, shape (ORIENTED_POINTS, 3)
-        Unit normals at the points, of either sign.
+    There are `ORIENTED_POINTS` sample points, evenly spread by area, at a root mean square radius of 1, and
+    unit normals at the points, of either sign.
     """
     counts = _pair_counts(points, normals)
     return np.asarray(counts / counts.sum())
@@ -95,15 +91,7 @@ MAGNITUDE_SCALE, SHARE_SCALE = 255.0, 510.0
 
 
 def to_bytes(magnitudes: Floats, shares: Floats) -> Bytes:
-    """Return the descriptor of one surface, shape (VIEW_BYTES,).
-
-    Parameters
-    ----------
-    magnitudes : float64, shape (FRAMES, 3, CHANNELS, FREQUENCIES)
-        From `core.descriptors.panorama.magnitudes`.
-    shares : float64, shape (DISTANCE_BINS, NORMAL_BINS, ANGLE_PAIRS)
-        From `core.descriptors.views`.
-    """
+    """Return a descriptor, shape (VIEW_BYTES,), as `magnitudes_of` and `shares_of` read it."""
     values = (MAGNITUDE_SCALE * np.sqrt(magnitudes), SHARE_SCALE * np.sqrt(shares))
     return np.concatenate([np.minimum(np.rint(some), 255.0).astype(np.uint8).ravel() for some in values])
 
@@ -230,11 +218,6 @@ def signature_distance(query: Bytes, stored: Bytes) -> Ints:
     """Compute L1 distances between one signature and c others, shape (c,).
 
     A sum over at most 257 bytes fits 16 bits, which takes a third of the time.
-
-    Parameters
-    ----------
-    query : uint8, shape (SIGNATURE_BYTES,)
-    stored : uint8, shape (c, SIGNATURE_BYTES)
     """
     sums = np.empty(len(stored), dtype=np.int64)
     for i in range(len(stored)):

@@ -85,12 +85,7 @@ class Body:
     def posed(self, pose: int) -> Mesh:
         """Return the body in a pose, with random rotation, scale and position; the faces are those at rest.
 
-        Limbs may intersect, which changes no distance on the surface.
-
-        Raises
-        ------
-        ParameterError
-            The pose is negative.
+        Limbs may intersect, which changes no distance on the surface. Raise ParameterError for a pose < 0.
         """
         if pose < 0:
             raise ParameterError(f"the pose must be at least 0, not {pose}")
@@ -153,17 +148,8 @@ def individual_partners(first: Body, second: Body) -> Ints:
 
     Each vertex moves with the solids that hold it (linear blend skinning), and each solid is scaled along its
     own axes to the extents of the same solid of the other individual. The nearest vertex then is the partner:
-    where solids blend into each other, it is known to the width of the blend only.
-
-    Returns
-    -------
-    int64, shape (g, n)
-        A row for each symmetry of the class, as of `core.gallery.bodies.Body.partners`.
-
-    Raises
-    ------
-    ParameterError
-        The two are of different classes, or have different solids.
+    where solids blend into each other, it is known to the width of the blend only. There is a row for each
+    symmetry of the class, as of `Body.partners`. Raise ParameterError for two classes or different solids.
     """
     if first.label != second.label or len(first.solids) != len(second.solids):
         raise ParameterError(f"a {first.label} and a {second.label} have no solids in common")
@@ -201,19 +187,10 @@ def symmetries(label: str) -> Floats:
 
 
 def symmetric_partners(label: str, vertices: Floats, rest: Floats) -> Ints:
-    """Return the vertex of a body at rest nearest to each point's image under each symmetry.
+    """Return the vertex of a body at rest nearest to each point's image under each symmetry, shape (g, n).
 
-    Parameters
-    ----------
-    label : str
-    vertices : float64, shape (n, 3)
-        Vertices of a mesh of the same body at rest, this one or another.
-    rest : float64, shape (m, 3)
-
-    Returns
-    -------
-    int64, shape (g, n)
-        One row for each symmetry; the first row belongs to the identity.
+    The points are vertices of a mesh of the same body at rest, this one or another. The first row belongs to
+    the identity.
     """
     tree = cKDTree(rest)
     return np.array([tree.query(vertices @ turn.T)[1] for turn in symmetries(label)], dtype=np.int64)

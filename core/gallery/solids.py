@@ -69,22 +69,10 @@ class Frame:
 def chain(
     frame: Frame, lengths: Sequence[float], bends: Sequence[tuple[float, float]]
 ) -> tuple[Floats, Frame]:
-    """Lay bones end to end.
+    """Lay m bones end to end, each along the x of its frame, from the frame of the first joint.
 
-    Parameters
-    ----------
-    frame : Frame
-        Of the first joint.
-    lengths : sequence of m floats
-        Of the bones, each along the x of its frame.
-    bends : sequence of m pairs
-        Degrees about y and then about z at the joint before each bone.
-
-    Returns
-    -------
-    joints : float64, shape (m + 1, 3)
-    end : Frame
-        At the far end of the last bone, directed as that bone.
+    A bend has the degrees about y and then about z at the joint before its bone. Return the joints, shape
+    (m + 1, 3), and the frame at the far end of the last bone, directed as that bone.
     """
     joints = [frame.origin]
     for length, (pitch, yaw) in zip(lengths, bends, strict=True):

@@ -128,20 +128,10 @@ class Grid:
 
 
 def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
-    """Return the triangle surface of the blended parts.
+    """Return vertices, about as many as wanted, and faces of the parts blended in their order.
 
-    Parameters
-    ----------
-    parts : sequence of Part
-        Joined in this order.
-    vertices : int
-        Wanted number; the result has about as many.
-
-    Returns
-    -------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-        Counter-clockwise seen from outside. Rarely, the decimation leaves an edge with more than two faces.
+    Faces are counter-clockwise seen from outside. Rarely, the decimation leaves an edge with more than two
+    faces.
     """
     cell = cell_size(parts)
     grid = Grid.of(parts, cell)

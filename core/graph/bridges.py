@@ -61,14 +61,8 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
 def _spanning_forest(links: Ints, number: int) -> Ints:
     """Return which links make a spanning forest, ascending (Kruskal 1956).
 
-    Two components may each link to the other, by other vertices where gaps are equal: the later link stays.
-
-    Parameters
-    ----------
-    links : int64, shape (c, 2)
-        One from each component to another, the preferred first.
-    number : int
-        Number of components.
+    There is a link from each component to another, the preferred first, shape (c, 2). Two components may each
+    link to the other, by other vertices where gaps are equal: the later link stays.
     """
     low, high = np.sort(links[::-1], axis=1).T
     last = len(links) - 1 - np.unique(low * number + high, return_index=True)[1]

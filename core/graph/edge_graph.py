@@ -20,14 +20,7 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
 
     Two adjacent faces are unfolded into a plane. If the segment between their opposite corners crosses the
     shared edge, it is a path on the surface. With diagonals a shortest path follows twelve directions instead
-    of six, and comes closer to the geodesic.
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-    sides : HalfEdges, optional
-        The half-edges of the faces, if they are known.
+    of six, and comes closer to the geodesic. `sides` are the half-edges of the faces, if they are known.
 
     Returns
     -------
@@ -86,15 +79,7 @@ def _diagonals(
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
-    """Return the symmetric csr matrix of a graph, shape (count, count), with the shortest of parallel edges.
-
-    Parameters
-    ----------
-    edges : int64, shape (e, 2)
-    lengths : float64, shape (e,)
-    count : int
-        Number of vertices.
-    """
+    """Return the symmetric csr matrix of a graph of `count` vertices, with the shortest of parallel edges."""
     low, high = np.minimum(*edges.T), np.maximum(*edges.T)
     order = lexical_order(low, high)
     low, high = low[order], high[order]

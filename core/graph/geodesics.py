@@ -23,16 +23,9 @@ BLOCK = 64
 
 
 def geodesics(graph: csr_array, samples: Ints, points: Ints) -> Floats:
-    """Return the shortest path lengths from d points to m samples, shape (d, m), >= 0.
+    """Return the shortest path lengths from d points to m samples, all of them vertices, shape (d, m), >= 0.
 
-    Parameters
-    ----------
-    graph : csr_array, shape (n, n)
-        Symmetric and connected, with positive lengths.
-    samples : int64, shape (m,)
-        Vertices.
-    points : int64, shape (d,)
-        Vertices.
+    The graph is symmetric and connected, with positive lengths.
     """
     between = np.empty((len(points), len(samples)))
     done = _search(

@@ -57,14 +57,8 @@ def sparse_graph(graph: csr_array, samples: Ints) -> SparseGraph:
 
     The search gives the nearest sample of each vertex. An edge (u, v) between two regions gives an edge
     between their samples of length d(u) + |uv| + d(v), and the shortest of these is kept. The minimum
-    spanning tree of this graph is one of the complete geodesic graph on the samples (Mehlhorn 1988).
-
-    Parameters
-    ----------
-    graph : csr_array, shape (n, n)
-        Symmetric and connected, with positive lengths.
-    samples : int64, shape (m,)
-        Distinct vertices.
+    spanning tree of this graph is one of the complete geodesic graph on the samples (Mehlhorn 1988). The
+    graph is symmetric and connected, with positive lengths; the samples are distinct vertices.
     """
     # The nearest sample of each vertex.
     distance, _, source = dijkstra(graph, indices=samples, min_only=True, return_predecessors=True)
@@ -99,20 +93,7 @@ def sample_distances(graph: csr_array, points: Ints, samples: Ints, sparse: Spar
     """Return the distances from the d points to the m samples, shape (d, m).
 
     Distances along the minimum spanning tree (the paper) or the sparse graph exist between samples only
-    (d = m).
-
-    Parameters
-    ----------
-    graph : csr_array, shape (n, n)
-        The edge graph.
-    points : int64, shape (d,)
-        Vertices; the samples come first.
-    samples : int64, shape (m,)
-        Vertices.
-    sparse : SparseGraph
-        The sparse graph of the samples.
-    kind : "tree", "graph" or "geodesic"
-        See `core.parameters.SpectralParameters`.
+    (d = m). Points and samples are vertices of the edge graph; the samples come first among the points.
     """
     if kind == "geodesic":
         between = geodesics(graph, samples, points)

@@ -37,25 +37,9 @@ DEFAULT_LIMITS = Limits()
 
 
 def declared(count: int, size: int, limit: int, things: str) -> None:
-    """Check a declared number of rows before memory is allocated for them.
+    """Check a declared number of rows, of at least one byte each, before memory is allocated for them.
 
-    Parameters
-    ----------
-    count : int
-        Declared number of rows.
-    size : int
-        Bytes of the file. A row takes at least one.
-    limit : int
-        Largest number that is read.
-    things : str
-        Name of the rows in the plural.
-
-    Raises
-    ------
-    MalformedMeshError
-        The file is too small for the declared number.
-    MeshTooComplexError
-        The number exceeds the limit.
+    Raise MalformedMeshError if a file of so many bytes cannot hold them; otherwise as `within`.
     """
     if count > size:
         raise MalformedMeshError(f"the file declares {count} {things}, more than its {size} bytes can hold")
@@ -95,27 +79,19 @@ def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints
 
     A fan covers a convex polygon, and any polygon that is star-shaped about its first corner.
 
+    Raise MalformedMeshError if an index is outside 0 .. vertices - 1, and MeshTooComplexError if there are
+    more triangles than faces in the limits.
+
     Parameters
     ----------
     corners : int64, shape (sum(sizes),)
         The polygons' vertices, counted from 0, one polygon after another.
     sizes : int64, shape (n,)
         Number of corners of each polygon, >= 0. Polygons of fewer than three corners are left out.
-    vertices : int
-        Number of vertices of the mesh.
-    limits : Limits
-        Only its number of faces is used.
 
     Returns
     -------
-    faces : int64, shape (f, 3)
-
-    Raises
-    ------
-    MalformedMeshError
-        An index is outside 0 .. vertices - 1.
-    MeshTooComplexError
-        There are more triangles than the limit.
+    int64, shape (f, 3)
     """
     check_indices(corners, vertices)
     if (sizes == 3).all():
@@ -126,5 +102,4 @@ def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints
     polygon = np.repeat(np.arange(len(sizes)), pieces)
     piece = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     first = (np.cumsum(sizes) - sizes)[polygon]
-    faces: Ints = corners[np.column_stack([first, first + piece + 1, first + piece + 2])]
-    return faces
+    return np.asarray(corners[np.column_stack([first, first + piece + 1, first + piece + 2])])

@@ -70,10 +70,7 @@ class Format:
     def read(self, data: bytes, limits: "Limits") -> "tuple[Floats, Ints]":
         """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of a file.
 
-        Raises
-        ------
-        MeshError
-            The file is malformed or exceeds the limits; the subclass tells the kind of fault.
+        Raise a MeshError, whose subclass tells the kind of fault, if it is malformed or exceeds the limits.
         """
         arrays: tuple[Floats, Ints] = import_module(self.module).read(data, limits)
         return arrays
@@ -149,13 +146,7 @@ def by_ending(ending: str) -> Format | None:
 
 
 def read_format(ending: str) -> Format:
-    """Return the format of an ending, with an installed reader.
-
-    Raises
-    ------
-    UnknownFormatError
-        No format has the ending, or its reader is not installed.
-    """
+    """Return the format of an ending; raise UnknownFormatError if none with a reader here has it."""
     format = by_ending(ending)
     if format is None:
         raise UnknownFormatError(f"the format {_shown(ending)} is not one of {', '.join(readable())}")
@@ -168,13 +159,7 @@ def read_format(ending: str) -> Format:
 
 
 def written_format(name: str) -> Format:
-    """Return a format that is written, by its name in any case.
-
-    Raises
-    ------
-    UnknownFormatError
-        The format is not one of `writable()`.
-    """
+    """Return a format by its name in any case; raise UnknownFormatError if it is not one of `writable()`."""
     format = FORMATS.get(name.lower())
     if format is None or not format.is_written:
         raise UnknownFormatError(
@@ -184,17 +169,9 @@ def written_format(name: str) -> Format:
 
 
 def format_of(filename: str) -> str:
-    """Return the name of the format of a file name.
+    """Return the name of the format of a file name, by the text after its last dot, in any case.
 
-    Parameters
-    ----------
-    filename : str
-        The text after the last dot is the ending, which is not case-sensitive.
-
-    Raises
-    ------
-    UnknownFormatError
-        There is no ending, no format has it, or its reader is not installed.
+    Raise UnknownFormatError if no format has this ending, or its reader is not installed.
     """
     return read_format(filename.rpartition(".")[2] if "." in filename else "").name
 

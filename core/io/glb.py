@@ -31,16 +31,9 @@ _ROUNDING = 1e-8
 
 
 class Instance(NamedTuple):
-    """An instance of a mesh in the scene.
+    """An instance of a mesh in the scene: the indices of the mesh and of the node that places it.
 
-    Attributes
-    ----------
-    mesh : int
-        Index of the mesh.
-    matrix : float64, shape (4, 4)
-        Maps columns (x, y, z, 1) to the scene.
-    node : int
-        Index of the node that places the mesh.
+    The matrix, shape (4, 4), maps columns (x, y, z, 1) to the scene.
     """
 
     mesh: int
@@ -52,13 +45,8 @@ class Instance(NamedTuple):
 class Scene:
     """The triangles of a checked GLB.
 
-    Attributes
-    ----------
-    document : Document
-    instances : list of Instance
-        The instances of `meshes`.
-    meshes : dict of int to (vertices, faces)
-        The meshes with triangles, by index: vertices float64, shape (n, 3), and faces int64, shape (f, 3).
+    `meshes` are those with triangles, by index: vertices, shape (n, 3), and faces, shape (f, 3). `instances`
+    are theirs.
     """
 
     document: Document
@@ -141,14 +129,8 @@ def _place(document: Document, limits: Limits) -> list[Instance]:
     """Return the instances of meshes in the scene, from the roots to the leaves.
 
     The mesh of a skinned node is at the origin: the transform of the node does not apply to it (glTF 2.0,
-    section 3.7.3.3), and its joints are at rest.
-
-    Raises
-    ------
-    MalformedMeshError
-        The nodes do not form trees.
-    MeshTooComplexError
-        There are more than 16 nodes for each part of the limit.
+    section 3.7.3.3), and its joints are at rest. Raise MalformedMeshError if the nodes do not form trees, and
+    MeshTooComplexError for more than 16 nodes for each part of the limit.
     """
     within(len(document.sections["nodes"]), _NODES_PER_PART * limits.parts, "nodes")
     instances: list[Instance] = []
@@ -241,13 +223,9 @@ def _count_triangles(document: Document, primitive: Entry, mode: int) -> int:
 
 
 def _read_triangles(document: Document, primitive: Entry, mode: int) -> tuple[Floats, Ints]:
-    """Read a primitive; the number of its triangles is already checked.
+    """Return the positions that a primitive uses, shape (n, 3), and its faces, shape (f, 3).
 
-    Returns
-    -------
-    positions : float64, shape (n, 3)
-        The positions that triangles use; primitives often share an array and use a part of it each.
-    faces : int64, shape (f, 3)
+    Primitives often share an array and use a part of it each. The number of triangles is already checked.
     """
     indices, positions = _source(primitive)
     count = count_elements(document, positions)

@@ -55,13 +55,7 @@ class Document:
     buffers: tuple[bytes, ...]
 
     def entry(self, section: str, number: object) -> Entry:
-        """Return the entry of a section with the given index.
-
-        Raises
-        ------
-        MalformedMeshError
-            The section has no such entry.
-        """
+        """Return the entry of a section with the given index; raise MalformedMeshError if there is none."""
         members = self.sections[section]
         if type(number) is not int or not 0 <= number < len(members):
             raise MalformedMeshError(f"the GLB refers to an entry of its {section} that is not there")
@@ -87,12 +81,8 @@ def whole(entry: Entry, name: str, default: int | None = None) -> int:
 def read_document(data: bytes) -> Document:
     """Parse a GLB.
 
-    Raises
-    ------
-    MalformedMeshError
-        The file is not GLB 2.0, is truncated, or requires an unsupported extension.
-    ExternalReferenceError
-        A buffer or an image is in another file.
+    Raise MalformedMeshError if the file is not GLB 2.0, is truncated, or requires an unsupported extension,
+    and ExternalReferenceError if a buffer or an image is in another file.
     """
     if data[:4] != b"glTF" or len(data) < _HEADER_BYTES:
         raise MalformedMeshError("the file does not begin as a GLB does")
@@ -162,22 +152,10 @@ def _buffer(entry: Entry, binary: bytes) -> bytes:
 
 
 def read_positions(document: Document, number: object, used: Ints) -> Floats:
-    """Return the used positions of an accessor, decoded by KHR_mesh_quantization if they are quantised.
+    """Return the used rows of an accessor, shape (n, 3), decoded by KHR_mesh_quantization if quantised.
 
-    A normalised integer c of b bits is c / (2^b - 1), or max(c / (2^(b-1) - 1), -1) if it is signed.
-
-    Parameters
-    ----------
-    document : Document
-        The file.
-    number : object
-        Index of the accessor in the JSON.
-    used : int64, shape (n,)
-        Rows, each within the accessor's count.
-
-    Returns
-    -------
-    positions : float64, shape (n, 3)
+    A normalised integer c of b bits is c / (2^b - 1), or max(c / (2^(b-1) - 1), -1) if it is signed. The rows
+    `used`, shape (n,), are within the accessor's count.
     """
     accessor = document.entry("accessors", number)
     if accessor.get("type") != "VEC3" or accessor.get("componentType") not in _POSITION_TYPES:

@@ -44,16 +44,8 @@ class Part:
 def distinct(instances: Iterable[tuple[Hashable, _Instance]], limits: Limits) -> list[tuple[_Instance, int]]:
     """Return the first instance of each key and the number of its instances, in the order of the first ones.
 
-    Parameters
-    ----------
-    instances : iterable of (key, instance)
-        Instances with the same key are the same part.
-    limits : Limits
-
-    Raises
-    ------
-    MeshTooComplexError
-        There are more different parts than the limit.
+    Instances with the same key are the same part. Raise MeshTooComplexError if there are more different parts
+    than the limit.
     """
     first: dict[Hashable, _Instance] = {}
     counts: Counter[Hashable] = Counter()

@@ -31,13 +31,8 @@ _LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i
 class Property:
     """One value, or a list of values, in every row of an element.
 
-    Attributes
-    ----------
-    name : str
-    value : str
-        Type of the value as NumPy's code, without byte order.
-    length : str
-        Type of the length of a list as NumPy's code; empty for a single value.
+    `value` and `length` are NumPy's codes, without byte order, of the values and of a list's length, which is
+    empty for a single value.
     """
 
     name: str
@@ -62,24 +57,12 @@ class Element:
 class Header:
     """The declarations of a header.
 
-    Attributes
-    ----------
-    encoding : str
-        "ascii", "binary_little_endian" or "binary_big_endian".
-    elements : tuple of Element
-        Elements in the order of the file.
-    end : int
-        Offset of the first element, in bytes.
+    `byte_order` is NumPy's character, empty for text; `end` is the offset of the first element in bytes.
     """
 
-    encoding: str
+    byte_order: str
     elements: tuple[Element, ...]
     end: int
-
-    @property
-    def byte_order(self) -> str:
-        """NumPy's character for the byte order; empty for text."""
-        return _BYTE_ORDERS[self.encoding]
 
     def element(self, name: str) -> Element | None:
         """Return the element of that name."""
@@ -102,7 +85,7 @@ def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
     declared(vertex.count, len(data), limits.vertices, "vertices")
     with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
     declared(sum(with_lists), len(data), limits.faces, "faces and other rows with lists")
-    rows_of = _read_text if header.encoding == "ascii" else _read_binary
+    rows_of = _read_binary if header.byte_order else _read_text
     positions, corners, sizes = rows_of(data, header, vertex, face, index)
     return positions, triangles(corners, sizes, vertex.count, limits)
 
@@ -113,13 +96,7 @@ def write(mesh: Mesh) -> bytes:
 
 
 def _read_header(data: bytes) -> Header:
-    """Read the header of a PLY.
-
-    Raises
-    ------
-    MalformedMeshError
-        The data have no valid header.
-    """
+    """Read the header of a PLY; raise MalformedMeshError if it is not a valid one."""
     start = _START.match(data)
     if start is None:
         raise MalformedMeshError("the file does not begin with a line that says ply")
@@ -130,12 +107,12 @@ def _read_header(data: bytes) -> Header:
     lines = [
         line.split() for line in data[start.end() : end.start()].decode("latin-1").split(newline.decode())
     ]
-    encoding = ""
+    byte_order = None
     elements: list[tuple[str, int, list[Property]]] = []
     for words in lines:
         match words:
             case ["format", form, _] if form in _BYTE_ORDERS:
-                encoding = form
+                byte_order = _BYTE_ORDERS[form]
             case ["element", name, count] if count.isdecimal():
                 elements.append((name, int(count), []))
             case ["property", *rest] if elements:
@@ -144,7 +121,7 @@ def _read_header(data: bytes) -> Header:
                 pass
             case _:
                 raise MalformedMeshError("a line in the header of the PLY makes no sense")
-    if not encoding:
+    if byte_order is None:
         raise MalformedMeshError("the header of the PLY does not say whether it is text or binary")
     for names in [
         [name for name, _, _ in elements],
@@ -153,7 +130,7 @@ def _read_header(data: bytes) -> Header:
         if len(set(names)) < len(names):
             raise MalformedMeshError("the header of the PLY declares a name twice")
     return Header(
-        encoding, tuple(Element(name, n, tuple(properties)) for name, n, properties in elements), end.end()
+        byte_order, tuple(Element(name, n, tuple(properties)) for name, n, properties in elements), end.end()
     )
 
 
@@ -235,10 +212,7 @@ def _equal_rows(
 ) -> np.ndarray[tuple[int], np.dtype[np.void]] | None:
     """Return the rows of an element as a table; None for rows of several lists or of unequal lengths.
 
-    Raises
-    ------
-    MalformedMeshError
-        The element extends beyond the end of the data.
+    Raise MalformedMeshError if the element extends beyond the end of the data.
     """
     lists = [p for p in element.properties if p.length]
     if len(lists) > 1:

@@ -45,10 +45,6 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     limits : Limits
         The largest mesh that is read.
 
-    Returns
-    -------
-    mesh : Mesh
-
     Raises
     ------
     UnknownFormatError
@@ -83,28 +79,19 @@ def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> 
     """Read the distinct parts of an assembly.
 
     The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
-    frame, in millimetres. Parts with the same name and the same mesh are one.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    format : str
-        An ending of `FORMATS`.
-    limits : Limits
-        The largest assembly that is read.
+    frame, in millimetres. Parts with the same name and the same mesh are one. Parameters are those of
+    `read_mesh`.
 
     Returns
     -------
-    parts : list of Part
+    list of Part
         In the order of their first instances in the file. It is empty if the file has one instance of one
         part, or is of a format without assemblies.
 
     Raises
     ------
     MeshError
-        The file cannot be read, as in `read_mesh`; or it has more different parts than the limits, or a part
-        has no face of any area.
+        As in `read_mesh`; also if there are more different parts than the limits, or one without area.
     """
     reader = read_format(format)
     with _reading(data, reader):
@@ -122,16 +109,6 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
     the millimetre. STL and PLY are binary; they and GLB round to 32 bits. In an STL each face has its own
     three vertices.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    format : str
-        One of `writable()`.
-
-    Returns
-    -------
-    data : bytes
-
     Raises
     ------
     UnknownFormatError
@@ -146,17 +123,10 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
 
 @contextmanager
 def _reading(data: bytes, format: Format) -> Iterator[None]:
-    """Refuse an empty or compressed file, one that begins as no file of the format does, and any fault.
+    """Refuse an empty or compressed file, and one that begins as no file of the format does.
 
-    Raises
-    ------
-    EmptyFileError
-        The file has no bytes.
-    MalformedMeshError
-        The file is compressed or of another format, or the reader failed with an error that is not of the
-        core.
-    MeshTooComplexError
-        The reader ran out of memory.
+    Within the context, a lack of memory becomes MeshTooComplexError, and any error that is not of the core
+    MalformedMeshError.
     """
     if not data:
         raise EmptyFileError("the file is empty")

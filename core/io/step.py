@@ -59,14 +59,8 @@ def _to_glb(data: bytes, limits: Limits) -> bytes:
     root; a mesh has the name of its product. Beyond the number of instances, only the limits of the process
     bound the time and memory of OpenCASCADE on a hostile file.
 
-    Raises
-    ------
-    MalformedMeshError
-        The file has nothing that can be triangulated, or a product contains itself.
-    ExternalReferenceError
-        The file refers to another file.
-    MeshTooComplexError
-        The assemblies place more instances than the limits.
+    Raise MalformedMeshError if nothing can be triangulated, ExternalReferenceError if the file refers to
+    another file, and the errors of `check_products`.
     """
     if _ELSEWHERE.search(data):
         raise ExternalReferenceError("the STEP refers to another file; export it as one file")
@@ -92,14 +86,8 @@ def check_products(data: bytes, limits: Limits) -> None:
 
     The cost is that of one pass over the text, whatever the depth of the assemblies. Entities with comments
     inside, or with a text of more than 1,024 characters, are not counted; the limits of the process bound
-    those.
-
-    Raises
-    ------
-    MalformedMeshError
-        A product contains itself.
-    MeshTooComplexError
-        The assemblies place more than 16 instances, assemblies included, for each part of the limit.
+    those. Raise MalformedMeshError if a product contains itself, and MeshTooComplexError if the assemblies
+    place more than 16 instances, assemblies included, for each part of the limit.
     """
     components: dict[int, list[int]] = {}
     for instance in _INSTANCE.finditer(data):

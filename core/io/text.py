@@ -21,13 +21,7 @@ _BLOCK = 65_536
 
 
 def plain_text(data: bytes) -> bytes:
-    r"""Return the text in ASCII with every line ended by \n.
-
-    Raises
-    ------
-    MalformedMeshError
-        The bytes are not text.
-    """
+    r"""Return the text in ASCII with every line ended by \n; raise MalformedMeshError if it is not text."""
     if b"\0" in data:
         raise MalformedMeshError("the file has zero bytes where text is expected")
     text = data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n").translate(_CLEAN)
@@ -43,13 +37,7 @@ def rows(text: bytes, comment: bytes = b"") -> Iterator[bytes]:
 
 
 def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
-    """Return the next `count` lines.
-
-    Raises
-    ------
-    MalformedMeshError
-        There are fewer lines.
-    """
+    """Return the next `count` lines; raise MalformedMeshError if there are fewer."""
     taken = list(islice(lines, count))
     if len(taken) < count:
         raise MalformedMeshError(f"the file declares {count} {things} but ends after {len(taken)}")
@@ -59,12 +47,8 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
 def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Floats:
     """Read coordinates, shape (n, number of columns), from lines of numbers.
 
-    Raises
-    ------
-    MalformedMeshError
-        A line has fewer columns, or a value is not a number.
-    NonFiniteCoordinatesError
-        A value is NaN with a payload, such as the `-nan(ind)` of Microsoft's C library.
+    Raise MalformedMeshError if a line has fewer columns or a value is not a number, and
+    NonFiniteCoordinatesError for NaN with a payload, such as the `-nan(ind)` of Microsoft's C library.
     """
     if not lines:
         return np.empty((0, len(columns)))
@@ -80,13 +64,7 @@ def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Float
 
 
 def integers(tokens: Sequence[bytes]) -> Ints:
-    """Parse decimal integers.
-
-    Raises
-    ------
-    MalformedMeshError
-        A token is not a decimal integer.
-    """
+    """Parse decimal integers; raise MalformedMeshError for any other token."""
     try:
         # Python's own int would take 1_000 for a thousand.
         if b"_" not in b"".join(tokens):
@@ -105,13 +83,7 @@ def _table(lines: list[bytes]) -> Ints | None:
 
 
 def polygons(lines: list[bytes]) -> tuple[Ints, Ints]:
-    """Read lines of the corners of one polygon each.
-
-    Returns
-    -------
-    corners : int64, shape (sum(sizes),)
-    sizes : int64, shape (n,)
-    """
+    """Read lines of the corners of one polygon each: corners, shape (sum(sizes),), and sizes, shape (n,)."""
     table = _table(lines) if lines else None
     if table is not None:
         return table.ravel(), np.full(len(table), table.shape[1], dtype=np.int64)
@@ -119,24 +91,10 @@ def polygons(lines: list[bytes]) -> tuple[Ints, Ints]:
 
 
 def counted_polygons(lines: list[bytes], before: Sequence[bool] = ()) -> tuple[Ints, Ints]:
-    """Read lines of a number of corners, the corners, and possibly more values.
+    """Read lines of a number of corners, the corners, and possibly more values, as `polygons` does.
 
-    Parameters
-    ----------
-    lines : list of bytes
-        One polygon each.
-    before : sequence of bool
-        Properties before the number of corners: True for a list with its length, False for a single value.
-
-    Returns
-    -------
-    corners : int64, shape (sum(sizes),)
-    sizes : int64, shape (n,)
-
-    Raises
-    ------
-    MalformedMeshError
-        A line has fewer values than it declares, or a value is not an integer.
+    Before the number are other properties: `before` has True for a list with its length, and False for a
+    single value. Raise MalformedMeshError if a line has fewer values than it declares, or not integers.
     """
     table = _table(lines) if lines and not any(before) else None
     if table is not None and len(before) < table.shape[1]:

@@ -73,10 +73,7 @@ def write(mesh: Mesh) -> bytes:
 
 
 def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
-    """Return the objects, every instance of an object with faces, and the unit in millimetres.
-
-    It raises the errors of `read`.
-    """
+    """Return the objects, every instance of an object with faces, and the unit in millimetres."""
     package = Package(data, limits)
     solids, items, unit = _models(package, limits)
     _refuse_circles(solids)
@@ -182,16 +179,9 @@ def _path(solids: dict[Key, Solid], placed: Placed) -> tuple[str, ...]:
 
 
 def _stretch(matrix: Floats) -> Floats:
-    """Return the symmetric factor S of the polar decomposition A = S R of a transform of rows.
+    """Return the symmetric factor S of the polar decomposition A = S R of a transform of rows, shape (3, 3).
 
-    Parameters
-    ----------
-    matrix : float64, shape (3, 3)
-
-    Returns
-    -------
-    stretch : float64, shape (3, 3)
-        The identity for a rotation. If A mirrors, -S: R is then a rotation too.
+    S is the identity for a rotation. If A mirrors, -S is returned: R is then a rotation too.
     """
     squares, axes = np.linalg.eigh(matrix @ matrix.T)
     stretch = (axes * np.sqrt(np.maximum(squares, 0.0))) @ axes.T

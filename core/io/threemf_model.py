@@ -36,16 +36,7 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class Placed:
-    """An instance of an object.
-
-    Attributes
-    ----------
-    key : Key
-    matrix : float64, shape (4, 4)
-        Maps rows (x, y, z, 1).
-    above : Placed, optional
-        The instance that contains it.
-    """
+    """An instance of an object, and the instance that contains it; the matrix maps rows (x, y, z, 1)."""
 
     key: Key
     matrix: Floats
@@ -76,16 +67,7 @@ class Solid:
 
 
 class Model:
-    """The content of one model part.
-
-    Attributes
-    ----------
-    unit : float
-        Length of the unit in millimetres.
-    solids : dict of Key to Solid
-    items : list of Placed
-        The build items.
-    """
+    """The content of one model part: its unit in millimetres, its objects and its build items."""
 
     def __init__(self, package: Package, part: str, limits: Limits) -> None:
         self.unit = 1.0
@@ -197,12 +179,7 @@ def canonical(part: str) -> str:
 def numbers(texts: list[str]) -> Floats:
     """Parse decimal numbers.
 
-    Raises
-    ------
-    MalformedMeshError
-        A text is not a number.
-    NonFiniteCoordinatesError
-        A number is NaN or infinite.
+    Raise MalformedMeshError for other texts, and NonFiniteCoordinatesError for NaN and infinity.
     """
     joined = "".join(texts)
     # Python's own float would take 1_000 for a thousand, and digits of any script.

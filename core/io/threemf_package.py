@@ -51,19 +51,9 @@ _UNIX = 3
 class Package:
     """The parts of a package, by name.
 
-    Parameters
-    ----------
-    data : bytes
-        The ZIP.
-    limits : Limits
-        The parts that are read have at most 128 bytes for each vertex and face of the limits, plus 16 MiB.
-
-    Raises
-    ------
-    MalformedMeshError
-        The data are not a ZIP, or a name occurs twice.
-    MeshTooComplexError
-        The ZIP has more than 65,536 members.
+    The parts that are read have at most 128 bytes for each vertex and face of the limits, plus 16 MiB. Raise
+    MalformedMeshError if the data are not a ZIP or a name occurs twice, and MeshTooComplexError if there are
+    more than 65,536 members.
     """
 
     def __init__(self, data: bytes, limits: Limits) -> None:
@@ -81,12 +71,7 @@ class Package:
     def model(self) -> str:
         """Return the name of the package's start part.
 
-        Raises
-        ------
-        MalformedMeshError
-            The package names no start part.
-        ExternalReferenceError
-            The start part is outside the package.
+        Raise MalformedMeshError if it names none, ExternalReferenceError if that is outside the package.
         """
         relationships: list[dict[str, str]] = []
 
@@ -110,21 +95,9 @@ class Package:
     ) -> None:
         """Parse a part as XML; a document type declaration, and with it any entity, is an error.
 
-        Parameters
-        ----------
-        name : str
-            Name in a relationship: case-insensitive, with or without a leading slash.
-        start, end : callable
-            Called at the start and at the end of an element.
-        namespace : callable
-            Called with prefixes and their namespaces.
-
-        Raises
-        ------
-        MalformedMeshError
-            The part is missing or is not well-formed XML without a document type.
-        MeshTooComplexError
-            The part has too many bytes.
+        `name` is case-insensitive, with or without a leading slash. `start` and `end` are called for each
+        element, and `namespace` with prefixes and their namespaces. Raise MalformedMeshError if the part is
+        missing or not well-formed, and MeshTooComplexError if it has too many bytes.
         """
         parser = expat.ParserCreate(namespace_separator=" ")
 

@@ -12,10 +12,7 @@ from core.mesh.mesh import Mesh
 def export(mesh: Mesh, format: str) -> bytes:
     """Return a mesh in 32 bits as "stl" (binary), "ply" (binary, little-endian) or "glb".
 
-    Raises
-    ------
-    NonFiniteCoordinatesError
-        A coordinate is too large for 32 bits.
+    Raise NonFiniteCoordinatesError if a coordinate is too large for 32 bits.
     """
     if np.abs(mesh.vertices).max() > np.finfo(np.float32).max:
         raise NonFiniteCoordinatesError(f"a coordinate is too large for the 32 bits of {format.upper()}")

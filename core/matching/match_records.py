@@ -33,14 +33,9 @@ def embedding_key(embedding: Embedding) -> bytes:
 def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
     """Return the match record of an embedding, float32, shape (l,), about 100 kB.
 
-    The bytes are the same only while linear algebra runs on one thread: see `core.numerics.guarding`.
-
-    Raises
-    ------
-    IncompatibleEmbeddingsError
-        The embedding was made with other parameters.
-    ParameterError
-        The matcher of the parameters has no match records.
+    The bytes are the same only while linear algebra runs on one thread: see `core.numerics.guarding`. Raise
+    IncompatibleEmbeddingsError for an embedding of other parameters, and ParameterError for parameters whose
+    matcher has no match records.
     """
     if embedding.fingerprint != parameters.fingerprint:
         raise IncompatibleEmbeddingsError(
@@ -54,14 +49,8 @@ def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
 def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
     """Return the match record of one shape, in contiguous arrays that share no memory with the embedding.
 
-    For arrays of another layout numba would compile the kernels again, to slower loops.
-
-    Parameters
-    ----------
-    embedding : Embedding
-    key : bytes
-        16, from `embedding_key`.
-    parameters : Parameters
+    For arrays of another layout numba would compile the kernels again, to slower loops. The key is that of
+    `embedding_key`.
     """
     regions = embedding.regions.astype(np.int64)
     m = int(regions.max()) + 1
@@ -119,14 +108,9 @@ def search_rounds(parameters: Parameters) -> SearchRounds:
 
 
 def score_match_records(query: Float32s, records: Sequence[Float32s], parameters: Parameters) -> Scores:
-    """Return CC, SSD and sim of one shape with each of c others, the same whichever of two is the query.
+    """Return CC, SSD and sim of one match record with each of c others, the same whichever is the query.
 
-    Parameters
-    ----------
-    query : float32, shape (l,)
-    records : sequence of float32, each of a shape (l,)
-    parameters : Parameters
-        Those that all match records were made with.
+    All were made with the parameters.
     """
     rounds = search_rounds(parameters)
     scores = np.empty((len(records), 3))

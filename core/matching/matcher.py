@@ -55,10 +55,9 @@ class Matcher(Protocol[Shape]):
     ) -> tuple[list[Ints], bool | None]:
         """Return at most `most` correspondences that fit about equally well, best first.
 
-        Each has pairs of samples, shape (p, 2). Either all maps preserve orientation, or no map that fits
-        about as well does. The second value is
-        False or True accordingly, and None if the matcher does not use orientations. A sample may be in
-        several pairs.
+        Each has pairs of samples, shape (p, 2); a sample may be in several. Either all maps preserve
+        orientation, or no map that fits about as well does: the second value is False or True accordingly,
+        and None if the matcher does not use orientations.
         """
 
 

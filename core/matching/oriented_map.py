@@ -41,14 +41,8 @@ _Maps = tuple[Float32s, Float32s, Int32s]
 class CandidateMaps:
     """Different maps from a shape of m samples to one of n samples that fit about equally well, best first.
 
-    Attributes
-    ----------
-    rotations : list of float32, shape (b k, b k)
-        x.points @ rotation lies on y.points.
-    forward, backward : list of int32, shapes (m,) and (n,)
-        The partner of each sample of the first shape, and of the second.
-    mirrored : bool
-        Whether they reverse orientation, since no map that fits about as well preserves it.
+    x.points @ rotation lies on y.points. `forward` and `backward`, shapes (m,) and (n,), are the partners of
+    the samples of both. `mirrored` maps reverse orientation, since none that fits about as well preserves it.
     """
 
     rotations: list[Float32s]
@@ -67,17 +61,7 @@ def candidate_maps(
 ) -> CandidateMaps:
     """Return at most `most` maps of one orientation: preserving, if such a map fits about as well as any.
 
-    Parameters
-    ----------
-    x, y : MatchRecord
-        Of m and n samples.
-    orientations : pair of int8, shapes (m, e) and (n, e)
-        Of their embeddings.
-    domain : int
-        The spectral domain whose coordinates they belong to.
-    rounds : SearchRounds
-    most : int
-        >= 1.
+    The orientations of the embeddings, shapes (m, e) and (n, e), belong to the coordinates of one domain.
     """
     maps = _maps(x, y, rounds)
     agreements = _agreements(x, maps, orientations, domain)

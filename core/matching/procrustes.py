@@ -26,13 +26,7 @@ def one_to_one_pairs(
 ) -> tuple[Ints, Floats, NDArray[np.bool_]]:
     """Return one-to-one pairs of samples, of least total squared distance under the map, for people to see.
 
-    Parameters
-    ----------
-    first, second : MatchRecord
-        Of m <= n samples.
-    rotation : float32, shape (b k, b k)
-    same : bool
-        Whether both are one shape: then each sample's partner is itself.
+    The shapes have m <= n samples. If both are the same shape, each sample's partner is itself.
 
     Returns
     -------

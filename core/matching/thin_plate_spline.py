@@ -36,18 +36,10 @@ def smoother(source: Floats, beta: float) -> Floats:
     Eq. 16 with the beta that it omits: [K + beta I, P; P^T, 0] [w; t] = [targets; 0], P = [1, source]. The
     null-space form is solved: w = Q2 (Q2^T (K + beta I) Q2)^-1 Q2^T targets, Q2 an orthonormal basis of the
     vectors that P^T takes to zero, so that the affine part is exact whatever beta is. The values K w + P t
-    are targets - beta w.
+    are targets - beta w. Beta (Eq. 14) 0 interpolates, infinity leaves the affine least-squares fit.
 
-    Parameters
-    ----------
-    source : float64, shape (m, k), m >= k + 2
-    beta : float
-        Regularisation, >= 0 (Eq. 14): 0 interpolates, infinity leaves the affine least-squares fit.
-
-    Raises
-    ------
-    ParameterError
-        Beta is negative or there are too few points, or beta is 0 and points coincide.
+    Raise ParameterError if beta is negative, if m < k + 2, or if beta is 0 and points, shape (m, k),
+    coincide.
     """
     count, dimensions = source.shape
     if not beta >= 0.0:
@@ -95,19 +87,7 @@ def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: 
     """Return the matrices of `spline_operators`, each from one bordered matrix inverted (Eq. 16).
 
     Compiled, and without the GIL, for the Procrustes matcher. Points that do not determine the affine part,
-    as those in a plane, are left to `spline_operators`.
-
-    Parameters
-    ----------
-    points : float64, shape (m, k)
-    first_dimensions : int
-    stiffness : float
-        beta as a multiple of the mean distance between all pairs of points.
-
-    Returns
-    -------
-    float64, shape (k - first_dimensions + 1, m, m)
-        Symmetric, of entries in [-1, 1].
+    as those in a plane, are left to `spline_operators`. The matrices are symmetric, of entries in [-1, 1].
     """
     m, k = points.shape
     operators = np.empty((k - first_dimensions + 1, m, m))

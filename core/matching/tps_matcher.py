@@ -112,16 +112,8 @@ def _sum(values: Floats) -> float:
     return float(np.cumsum(values)[-1])
 
 
-@dataclass(frozen=True, eq=False)
-class Domain:
-    """The samples in one spectral domain, with their splines.
-
-    Attributes
-    ----------
-    points : float64, shape (m, k)
-    operators : float32, shape (k - first_dimensions + 1, m, m)
-        Their splines: see `core.matching.thin_plate_spline.spline_operators`.
-    """
+class Domain(NamedTuple):
+    """The samples in one spectral domain, shape (m, k), and their `spline_operators`."""
 
     points: Floats
     operators: Float32s
@@ -129,17 +121,7 @@ class Domain:
 
 @dataclass(frozen=True, eq=False)
 class Domains:
-    """A shape as the TPS matcher reads it.
-
-    Attributes
-    ----------
-    samples : int
-        m.
-    key : bytes
-        `core.matching.match_records.embedding_key`.
-    domains : tuple of Domain
-        One a spectrum.
-    """
+    """A shape as the TPS matcher reads it: m samples, its `embedding_key`, and a domain for each spectrum."""
 
     samples: int
     key: bytes

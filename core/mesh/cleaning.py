@@ -31,18 +31,9 @@ positions fit into single precision."""
 
 @dataclass(frozen=True, eq=False)
 class Cleaned:
-    """A cleaned mesh, and counts of the repairs.
+    """A cleaned mesh, the connected component of each vertex, shape (n,), and counts of the repairs.
 
-    Attributes
-    ----------
-    mesh : Mesh
-        The cleaned mesh.
-    labels : int64, shape (n,)
-        The connected component of each vertex, 0 .. components - 1.
-    components : int
-        Number of connected components that were kept.
-    merged_vertices, dropped_faces : int
-        Numbers of vertices merged and of faces dropped.
+    Labels are 0 .. components - 1, of the components that were kept.
     """
 
     mesh: Mesh
@@ -88,15 +79,7 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 @compiled_for_reading
 def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
-    """Return the area-weighted centroid of the surface, shape (3,).
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-    areas : float64, shape (f,)
-        Areas of the faces; their sum is > 0.
-    """
+    """Return the centroid of the surface, shape (3,), weighted by the areas of the faces, of sum > 0."""
     total = 0.0
     centre = np.zeros(3)
     for f in range(len(faces)):
@@ -112,17 +95,8 @@ def centroid(vertices: Floats, faces: Ints, areas: Floats) -> Floats:
 def merge_vertices(vertices: Floats) -> tuple[Ints, Ints]:
     """Group vertices that coincide, up to `MERGE_TOLERANCE`.
 
-    Returns
-    -------
-    first : int64, shape (u,)
-        One original index for each distinct point.
-    group : int64, shape (n,)
-        The distinct point of each original vertex.
-
-    Raises
-    ------
-    DegenerateMeshError
-        All vertices coincide, or a coordinate exceeds `FARTHEST`.
+    Return one original index for each distinct point, shape (u,), and the distinct point of each original
+    vertex, shape (n,). Raise DegenerateMeshError if all coincide, or a coordinate exceeds `FARTHEST`.
     """
     low, high = bounds(vertices)
     if max(-low.min(), high.max()) > FARTHEST:

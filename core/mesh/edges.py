@@ -62,13 +62,7 @@ def edge_lengths(vertices: Floats, edges: Ints) -> Floats:
 
 
 def starts_of(*columns: Ints) -> NDArray[np.bool_]:
-    """Return whether each row differs from the row before it, shape (n,); the first row does.
-
-    Parameters
-    ----------
-    columns : int64, shape (n,)
-        The columns of lexically sorted rows.
-    """
+    """Return whether each of sorted rows, by columns, differs from the one before it; the first does."""
     new = np.zeros(len(columns[0]), dtype=bool)
     new[:1] = True
     for column in columns:
@@ -78,21 +72,9 @@ def starts_of(*columns: Ints) -> NDArray[np.bool_]:
 
 @compiled_for_reading
 def component_labels(count: int, cells: Ints) -> tuple[int, Ints]:
-    """Return the connected components of the vertices, linked by edges or by the edges of faces.
+    """Return the number of connected components, and that of each of `count` vertices, shape (count,).
 
-    Parameters
-    ----------
-    count : int
-        Number of vertices n.
-    cells : int64, shape (f, 3) or (e, 2)
-        Faces or edges.
-
-    Returns
-    -------
-    int
-        Number of components.
-    int64, shape (n,)
-        Component of each vertex; components are numbered by their first vertices.
+    The cells are faces or edges, shape (f, 3) or (e, 2). Components are numbered by their first vertices.
     """
     # Union-find: the root of a component is its first vertex.
     root = np.arange(count)
@@ -127,14 +109,7 @@ def boundary_edges(sides: HalfEdges) -> Ints:
 
 
 def boundary_half_edges(faces: Ints, sides: HalfEdges) -> Ints:
-    """Return the edges of `boundary_edges`, each in the direction of its face, shape (b, 2).
-
-    Parameters
-    ----------
-    faces : int64, shape (f, 3)
-    sides : HalfEdges
-        Half-edges of these faces.
-    """
+    """Return the edges of `boundary_edges`, each in the direction of its face, shape (b, 2)."""
     alone = sides.order[sides.first[sides.face_counts == 1]]
     return np.stack([faces.ravel()[alone], faces[:, [1, 2, 0]].ravel()[alone]], axis=1)
 
@@ -143,14 +118,7 @@ def boundary_loops(edges: Ints, vertices: int) -> Ints:
     """Return the loop of each boundary half-edge, shape (b,); -1 for edges of no simple closed loop.
 
     At each vertex of a loop, one half-edge begins and one ends. Loops are numbered from 0 in the order of
-    their lowest vertices.
-
-    Parameters
-    ----------
-    edges : int64, shape (b, 2)
-        As `boundary_half_edges` gives them.
-    vertices : int
-        The number of vertices of the mesh.
+    their lowest vertices. The edges are those of `boundary_half_edges`.
     """
     _, labels = component_labels(vertices, edges)
     starts, ends = (np.bincount(column, minlength=vertices) for column in edges.T)

@@ -70,15 +70,9 @@ class Mesh:
 
 
 def face_normals(corners: Floats, *, unit: bool = True) -> Floats:
-    """Return the normals of triangles by the right-hand rule, shape (f, 3).
+    """Return the normals of triangles, shape (f, 3), by the right-hand rule, from corners, shape (f, 3, 3).
 
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-        The three corners of each triangle, counterclockwise seen from the tip of its normal.
-    unit : bool
-        True for normals of length 1, and 0 for triangles without area; False for normals as long as twice the
-        area of their triangle.
+    They have length 1, or 0 for triangles without area; otherwise they are as long as twice the area.
     """
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if unit:

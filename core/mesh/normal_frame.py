@@ -160,12 +160,7 @@ def normal_frame(mesh: Mesh) -> NormalFrame:
 
     z is the direction of least spread. If all three axes are tied, x points to the surface's farthest point;
     if two are, `_tied_axis` chooses the first of them. Third moments give the signs, so that a rotated copy
-    gets the rotated frame.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        With area > 0.
+    gets the rotated frame. The area is > 0.
     """
     areas = face_areas(mesh.vertices, mesh.faces)
     centre = centroid(mesh.vertices, mesh.faces, areas)
@@ -194,17 +189,8 @@ def bounding_box(mesh: Mesh) -> tuple[float, float, float]:
     The principal axes are the eigenvectors of the area-weighted second moments. Tied axes
     (`core.mesh.normal_frame.TIED`) have no direction of their own. The box of two tied axes is the rectangle
     of least area in their plane; the box of three is the least box on one of the largest sides of the convex
-    hull.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        With area > 0. Every face counts, also the debris that cleaning drops.
-
-    Returns
-    -------
-    tuple of float
-        The three extents in the units of the file, the largest first.
+    hull. Every face counts, also the debris that cleaning drops; the area is > 0. The extents are in the
+    units of the file, the largest first.
     """
     areas = face_areas(mesh.vertices, mesh.faces)
     centred = mesh.vertices - centroid(mesh.vertices, mesh.faces, areas)

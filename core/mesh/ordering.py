@@ -21,11 +21,8 @@ MOST_VERTICES = 300_000
 def tied_ranks(values: Floats, tolerance: float = TIE) -> Ints:
     """Return the ranks of the values, shape (n,), 0 for the smallest; equal but for rounding is tied.
 
-    Parameters
-    ----------
-    values : float64, shape (n,)
-    tolerance : float
-        Neighbouring values share a rank if their gap is at most this fraction of the largest magnitude.
+    Neighbouring values share a rank if their gap is at most a fraction, the tolerance, of the largest
+    magnitude.
     """
     return _refined_ranks(np.zeros(len(values), dtype=np.int64), values, tolerance)
 

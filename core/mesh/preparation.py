@@ -30,17 +30,10 @@ the embeddings of smaller meshes keep its choice."""
 
 
 class PreparedSurface(NamedTuple):
-    """A mesh that is ready to be sampled.
+    """A mesh that is ready to be sampled: the cleaned mesh, its frame, and whether it was rough.
 
-    Attributes
-    ----------
-    surface : Mesh
-        Clean, with its holes filled, in its normal frame; simplified, smoothed and refined as the parameters
-        ask.
-    cleaned : Cleaned
-    frame : NormalFrame
-    smoothed : bool
-        Whether the mesh was rough.
+    The surface is clean, with its holes filled, in its normal frame; simplified, smoothed and refined as the
+    parameters ask.
     """
 
     surface: Mesh
@@ -50,19 +43,9 @@ class PreparedSurface(NamedTuple):
 
 
 def prepared_surface(mesh: Mesh, wanted: MeshParameters, least_vertices: int) -> PreparedSurface:
-    """Prepare a mesh.
+    """Prepare a mesh; raise DegenerateMeshError if it has no area.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    wanted : MeshParameters
-    least_vertices : int
-        The vertices that the later stages need: a coarser mesh is refined.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
+    The later stages need so many vertices at least: a coarser mesh is refined.
     """
     cleaned = clean(mesh)
     surface = cleaned.mesh
@@ -119,19 +102,8 @@ def fill_holes(mesh: Mesh, most: float) -> Mesh:
     """Close holes: each boundary loop gets a centre vertex, and a face from each edge to it.
 
     A boundary loop is a simple closed chain of edges that have one face each. A loop of length l bounds a
-    disc of area at most l^2 / 4 pi.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Its coincident vertices are merged.
-    most : float
-        A loop is closed if its disc is at most this share of the area of its connected component; >= 0.
-
-    Returns
-    -------
-    Mesh
-        The given mesh if no loop is closed; else a mesh with the new vertices and faces at the end.
+    disc of area at most l^2 / 4 pi, and is closed if that is at most a share, `most` >= 0, of the area of its
+    connected component. Coincident vertices are merged. The new vertices and faces are at the end.
     """
     edges = boundary_half_edges(mesh.faces, mesh.half_edges)
     loops = boundary_loops(edges, len(mesh.vertices))
@@ -158,11 +130,7 @@ def fill_holes(mesh: Mesh, most: float) -> Mesh:
 def neighbour_means(edges: Ints, values: Floats) -> Floats:
     """Return means of vertex values over the neighbours of each vertex, shape (n, 3); 0 without neighbours.
 
-    Parameters
-    ----------
-    edges : int64, shape (e, 2)
-        The distinct edges.
-    values : float64, shape (n, 3)
+    The edges, shape (e, 2), are distinct.
     """
     counts = np.zeros(len(values))
     for edge in range(len(edges)):
@@ -207,14 +175,9 @@ def roughness(mesh: Mesh) -> float:
 
 
 def taubin_smoothing(mesh: Mesh, iterations: int) -> Mesh:
-    """Remove noise at the scale of the edges without shrinking the shape (Taubin 1995).
+    """Remove noise at the scale of the edges, by pairs of steps that do not shrink the shape (Taubin 1995).
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Every vertex belongs to a face.
-    iterations : int
-        Number of pairs of steps, >= 0.
+    Every vertex belongs to a face.
     """
     links = mesh.half_edges.edges
     points = mesh.vertices
@@ -228,11 +191,6 @@ def nearest_vertices(vertices: Floats, points: Floats) -> Ints:
     """Return the vertex nearest to each point, shape (p,).
 
     The tree of a million vertices takes twenty times as long to build as their distances to a hundred points.
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    points : float64, shape (p, 3)
     """
     if len(vertices) <= MOST_IN_TREE:
         return np.asarray(cKDTree(vertices).query(points)[1])

@@ -39,22 +39,9 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
     """Simplify to a share of the faces by quadric error (Garland and Heckbert 1997).
 
     If the collapses would take too long (`MOST_WORK`) or stop too early (`SHORT`), `cluster_vertices` is used
-    instead; the rule depends on the mesh only, not on a clock.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    amount : float
-        Share of the faces to keep, in (0, 1].
-    seed : int
-        Shuffles the faces, which decides between collapses of nearly equal cost.
-
-    Raises
-    ------
-    ParameterError
-        The amount is outside (0, 1].
-    NoTrianglesError
-        No face is left of a mesh of very few faces.
+    instead; the rule depends on the mesh only, not on a clock. The seed shuffles the faces, which decides
+    between collapses of nearly equal cost. Raise ParameterError if the amount, a share of the faces, is
+    outside (0, 1], and NoTrianglesError if no face is left of a mesh of very few faces.
     """
     check_amount(amount, np.finfo(float).tiny, 1.0)
     wanted = max(4, round(amount * len(mesh.faces)))
@@ -74,18 +61,8 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
 def cluster_vertices(mesh: Mesh, faces: int, seed: int) -> Mesh:
     """Merge the vertices in each cell of a cubic grid at their mean (Rossignac and Borrel 1993).
 
-    Parameters
-    ----------
-    mesh : Mesh
-    faces : int
-        Wanted number of distinct faces; bisection finds the cell size that comes nearest.
-    seed : int
-        Shifts the grid.
-
-    Raises
-    ------
-    NoTrianglesError
-        No cell size leaves a face.
+    Bisection finds the cell size that comes nearest to the wanted number of distinct faces; the seed shifts
+    the grid. Raise NoTrianglesError if no cell size leaves a face.
     """
     shift = np.random.default_rng(seed).random(3)
     low = mesh.vertices.min(axis=0)
@@ -130,14 +107,7 @@ def simplify(mesh: Mesh, vertices: int) -> Mesh:
 
     Coordinates are rounded to six decimals first: every collapse on a planar part costs 0, and the last bits,
     which change with the pose, would decide between them. Large connected meshes are contracted before
-    (`contract_edges`).
-
-    Parameters
-    ----------
-    mesh : Mesh
-        In its normal frame.
-    vertices : int
-        Wanted number, less than the mesh has.
+    (`contract_edges`). The mesh is in its normal frame, and has more vertices than are wanted.
     """
     points, faces = np.round(mesh.vertices, 6), mesh.faces
     most = FINENESS * vertices

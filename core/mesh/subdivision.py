@@ -33,14 +33,8 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
     """Return the faces after the subdivision of edges, conforming.
 
     A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal.
-
-    Parameters
-    ----------
-    faces : int64, shape (f, 3)
-    middle : int64, shape (f, 3)
-        Vertex at the midpoint of each face's edges 01, 12 and 20; -1 where the edge is not split.
-    vertices : float64, shape (n, 3)
-        The midpoints included.
+    `middle`, shape (f, 3), has the vertex at the midpoint of each face's edges 01, 12 and 20, and -1 where
+    the edge is not split.
     """
     return _split(faces, middle, vertices, TIE)
 
@@ -96,15 +90,6 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
 
     The faces of a split edge are cut into two, three or four. Passes repeat until no long edge is left or the
     next pass would make more than `most` vertices.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        With n vertices.
-    longest : float
-        Largest length of an edge, > 0.
-    most : int
-        Largest number of vertices.
     """
     vertices, faces = mesh.vertices, mesh.faces
     for _ in range(PASSES):

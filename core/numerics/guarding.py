@@ -34,12 +34,7 @@ def guarded() -> Iterator[None]:
 
     A division by zero, an invalid operation or an overflow in NumPy would otherwise pass as a warning, and
     NaN or infinity would reach a result. Compiled loops are not watched: their results are checked where they
-    are used.
-
-    Raises
-    ------
-    CannotBeEmbeddedError
-        Raised from any error that is neither a `CoreError` nor a lack of memory.
+    are used. Raise CannotBeEmbeddedError from any error that is neither a `CoreError` nor a lack of memory.
     """
     try:
         with one_thread(), np.errstate(divide="raise", invalid="raise", over="raise"):
@@ -51,13 +46,7 @@ def guarded() -> Iterator[None]:
 
 
 def check_finite(*arrays: object) -> None:
-    """Check results that compiled loops or other libraries have computed.
-
-    Raises
-    ------
-    FloatingPointError
-        A number is NaN or infinite.
-    """
+    """Raise FloatingPointError if a result of compiled loops or other libraries is NaN or infinite."""
     for array in arrays:
         if not np.isfinite(np.asarray(array, dtype=np.float64)).all():
             raise FloatingPointError("a result is not finite")

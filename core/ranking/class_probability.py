@@ -171,17 +171,8 @@ def combined_scores(
 ) -> Floats:
     """Return the probability that an embedding and each of c others are of one class, shape (c,), in [0, 1].
 
-    Calibrated for the default setting; under other parameters only its order has a meaning.
-
-    Parameters
-    ----------
-    query : Embedding
-    others : sequence of Embedding
-    scores : Scores
-        Of the query with the others.
-    query_density, densities : LocalDensities, optional
-        Of the query, arrays of shape (1,), and of the others, shape (c,), among the stored shapes; the
-        typical ones unless given.
+    Calibrated for the default setting; under other parameters only its order has a meaning. Scores and
+    densities are those of `core.ranking.differences.differences_of`.
     """
     described = [descriptors_of(other) for other in others]
     return pooled_probability(

@@ -63,14 +63,8 @@ def differences_of(
 ) -> PairDifferences:
     """Return the differences between one shape and c others.
 
-    Parameters
-    ----------
-    query : ShapeDescriptors
-    others : sequence of ShapeDescriptors
-    scores : Scores
-        Of the query with the others; `ssd` is not read.
-    query_density, densities : LocalDensities, optional
-        Of the query, arrays of shape (1,), and of the others, shape (c,); typical ones unless given.
+    The scores are those of the query with the others; `ssd` is not read. The densities of the query, arrays
+    of shape (1,), and of the others, shape (c,), are typical ones unless given.
     """
     query_density = typical_densities(1) if query_density is None else query_density
     densities = typical_densities(len(others)) if densities is None else densities
@@ -127,16 +121,8 @@ def coarse_differences(
 ) -> PairDifferences:
     """Estimate differences between one shape and c others.
 
-    Parameters
-    ----------
-    query : CoarseDescriptors
-        Of one shape.
-    others : CoarseDescriptors
-        Of c shapes.
-    cc : float64, shape (c,), optional
-        Approximate CC; typical ones for the spectral distances unless given.
-    part : bool
-        Whether the one shape is incomplete; the others count as complete.
+    CC is approximate, shape (c,), or typical for the spectral distances. `part` tells whether the one shape
+    is incomplete; the others count as complete.
     """
     count = len(others.signatures)
     views = signature_distance(query.view_signatures[0], others.view_signatures)

@@ -46,20 +46,9 @@ def likeness(
 ) -> Likeness:
     """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
-    Parameters
-    ----------
-    spectral : float
-        Distance of their log eigenvalues, >= 0.
-    cc : float
-        Correlation of their matched spectral coordinates, in [-1, 1].
-    probability : float
-        That they are of one class, in [0, 1].
-    scale : float or None
-        Length in the second over length in the first, if the second is a rigid copy or a variant.
-    mirrored : bool
-        Whether it is a rigid copy of the mirror image, and not of the first.
-    variant : bool
-        Whether it is a rigid copy but for a local difference.
+    `spectral` is the distance of their log eigenvalues, >= 0, and `probability` that of one class. If the
+    second is a rigid copy or a variant, `scale` is length in it over length in the first; it may be a copy of
+    the mirror image, or one but for a local difference.
     """
     if scale is not None:
         return kinship(scale, mirrored=mirrored, variant=variant)

@@ -66,20 +66,9 @@ def quantised_points(embedding: Embedding) -> bytes:
 def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
     """Compute an approximate CC of one shape with each of c others, from their first samples.
 
-    One search in each spectral domain, from the query alone, refined once.
-
-    Parameters
-    ----------
-    query : float32, shape (l,)
-        A match record: see `core.matching.match_records`.
-    coarse_samples : uint8, shape (c, 4 + 36 b k)
-    parameters : Parameters
-        Those that all were made with.
-
-    Returns
-    -------
-    float32, shape (c,)
-        -1 for coarse samples without a sample.
+    One search in each spectral domain, from the query alone, refined once. The query is a match record, and
+    all were made with the parameters. The result, float32, shape (c,), is -1 for coarse samples without a
+    sample.
     """
     rounds = search_rounds(parameters)._replace(
         sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES, final_rounds=0
@@ -92,16 +81,8 @@ def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameter
 def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> Float32s:
     """Compute an approximate CC of one shape with each of c others: a match with flat splines for the others.
 
-    Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map.
-
-    Parameters
-    ----------
-    query : float32, shape (l,)
-        A match record: see `core.matching.match_records`.
-    others : sequence of bytes
-        From `quantised_points`.
-    parameters : Parameters
-        Those that all were made with.
+    Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. The query
+    is a match record, the others are `quantised_points`, and all were made with the parameters.
 
     Returns
     -------

@@ -11,13 +11,7 @@ from core.numerics.compilation import compiled_sum
 
 
 def signature_distances(query: Float32s, signatures: Float32s) -> Floats:
-    """Compute Euclidean distances from one signature to each of n others, shape (n,), >= 0.
-
-    Parameters
-    ----------
-    query : float32, shape (s,)
-    signatures : float32, shape (n, s)
-    """
+    """Compute Euclidean distances from one signature, shape (s,), to each of n others, shape (n,), >= 0."""
     distances = np.empty(len(signatures))
     if len(signatures):
         _distances(np.array(query), np.require(signatures, requirements=["C", "W"]), distances)
@@ -36,15 +30,7 @@ def _distances(query: Float32s, signatures: Float32s, distances: Floats) -> None
 
 
 def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) -> NDArray[np.intp]:
-    """Return indices of the `count` least values, ascending; `order` breaks ties. Shape (min(count, n),).
-
-    Parameters
-    ----------
-    values : float, shape (n,)
-    order : int, shape (n,)
-    count : int
-        At least 1.
-    """
+    """Return indices of the `count` least values, ascending; `order` breaks ties. Shape (min(count, n),)."""
     if count >= len(values):
         return np.lexsort((order, values))
     # The values below the last chosen one, and of equal ones the first in order.
@@ -59,11 +45,7 @@ def least(values: NDArray[np.floating], order: NDArray[np.integer], count: int) 
 def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
     """Compute distances between the log eigenvalues of one signature and of c others, shape (c,), >= 0.
 
-    Parameters
-    ----------
-    query : float32, shape (s,)
-    signatures : float32, shape (c, s)
-        Their last values are global descriptors, which do not count here.
+    Their last values are global descriptors, which do not count here.
     """
     values = len(query) - GLOBAL_DESCRIPTORS
     steps = signatures[:, :values].astype(np.float64) - query[:values]
@@ -73,11 +55,7 @@ def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
 def global_distances(query: Float32s, signatures: Float32s) -> Floats:
     """Compute distances between the global descriptors of one signature and of c others, shape (c,).
 
-    Parameters
-    ----------
-    query : float32, shape (s,)
-        Global descriptors, times `GLOBAL_WEIGHT`, are its last values.
-    signatures : float32, shape (c, s)
+    Global descriptors, times `GLOBAL_WEIGHT`, are the last values of a signature.
     """
     steps = signatures[:, -GLOBAL_DESCRIPTORS:].astype(np.float64) - query[-GLOBAL_DESCRIPTORS:]
     return np.asarray(np.linalg.norm(steps, axis=1) / GLOBAL_WEIGHT)

@@ -159,8 +159,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     bent = gentle & folded & (rounded[faces] | rounded[others])
     smooth = bent | ~folded
     # Sagittas of arcs across the bent edges, summed over each triangle and averaged over its region.
-    edges = sides.edges
-    ends = edges[paired]
+    ends = sides.edges[paired]
     lengths = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
     areas = 0.5 * np.linalg.norm(face_normals(corners, unit=False), axis=1)
     widths = 2.0 * np.minimum(areas[faces], areas[others]) / np.maximum(lengths, TINY)
@@ -198,7 +197,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         sharp=np.concatenate([on_curved[~smooth], unpaired]),
         folds=half_edge[bent],
         corner_vertices=mesh.faces.ravel(),
-        handles=_handles(mesh, len(edges)) if paired.all() else None,
+        handles=_handles(mesh, len(sides.first)) if paired.all() else None,
     )
 
 
@@ -217,13 +216,8 @@ def _scattered(corners: Floats, areas: Floats, bent: Ints, folded: Ints) -> NDAr
     """Return whether each triangle is one of an even mesh, whose vertices follow no edges of the surface.
 
     Such a triangle is well shaped, bends smoothly at two edges or more, and is coplanar with no neighbour.
-
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-    areas : float64, shape (f,)
-    bent, folded : int64
-        The triangle at each side of each edge at which the surface bends smoothly, and bends at all.
+    `bent` and `folded` have the triangle at each side of each edge that bends smoothly, and that bends at
+    all.
     """
     quality = 4.0 * np.sqrt(3.0) * areas / np.maximum((edge_lengths(corners) ** 2).sum(axis=1), TINY)
     count = len(corners)
@@ -239,14 +233,8 @@ def _regions(count: int, faces: Ints, others: Ints) -> Ints:
 def _rounded(facets: Ints, facet: Ints, neighbour: Ints) -> NDArray[np.bool_]:
     """Return whether the facet of each triangle bends smoothly to two facets or more, shape (f,).
 
-    Two large planes may meet at a small angle; the facets of a curved surface come in rows.
-
-    Parameters
-    ----------
-    facets : int64, shape (f,)
-        The facet of each triangle.
-    facet, neighbour : int64, shape (e,)
-        The facets on both sides of each edge at which the surface bends smoothly.
+    Two large planes may meet at a small angle; the facets of a curved surface come in rows. `facet` and
+    `neighbour` are the facets on both sides of each edge at which the surface bends smoothly.
     """
     count = int(facets.max()) + 1
     pairs = np.unique(np.concatenate([facet * count + neighbour, neighbour * count + facet]))
@@ -263,13 +251,7 @@ def corner_normals(
 ) -> Floats:
     """Return means of the normals around each corner, up to sharp edges, weighted by angles, shape (f, 3, 3).
 
-    Parameters
-    ----------
-    faces : int64, shape (f, 3)
-    corners : float64, shape (f, 3, 3)
-    flat : float64, shape (f, 3)
-    half_edge, twin : int64, shape (e,)
-        The two half-edges of each smooth edge.
+    `half_edge` and `twin` are the two half-edges of each smooth edge.
     """
     # Half-edge 3 f + i starts at corner i of its face and ends at corner i + 1.
     next_edge, next_twin = half_edge - half_edge % 3 + (half_edge + 1) % 3, twin - twin % 3 + (twin + 1) % 3

@@ -43,13 +43,8 @@ def initial_alignments(
 ) -> list[Similarity]:
     """Return coarse alignments at scale 1, the nearest first; those that are far are left out.
 
-    Parameters
-    ----------
-    first, second : ProbedSurface
-    pairs : two of float64, shape (m, 3)
-        Corresponding points of both surfaces, in the files' units; some may be wrong.
-    sign : int
-        Sign of the determinant: 1 for rotations, -1 for reflections.
+    `pairs` are corresponding points of both surfaces, shapes (m, 3), in the files' units; some may be wrong.
+    The sign of the determinant is 1 for rotations, -1 for reflections.
     """
     ends = first.samples.to_unit(pairs[0]), second.samples.to_unit(pairs[1])
     starts = [best_similarity(*ends, sign=sign, scaled=False)]

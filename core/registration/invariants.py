@@ -52,14 +52,8 @@ class Invariants:
 def possible_copies(surfaces: Invariants, index: int, residual: float) -> NDArray[np.intp]:
     """Return the indices of the other surfaces that may be rigid copies of a surface.
 
-    Parameters
-    ----------
-    surfaces : Invariants
-    index : int
-        Index of the surface.
-    residual : float
-        Largest root mean square distance of two copies over the square root of the area, > 0. Their radii
-        differ by at most this.
+    `residual` is the largest root mean square distance of two copies over the square root of the area, > 0;
+    their radii differ by at most this.
     """
     near = _of_radius(surfaces, index, residual)
     gaps = np.abs(surfaces.extents[near] - surfaces.extents[index])

@@ -12,18 +12,10 @@ SIZE = 0.03
 
 
 def kinship(scale: float, *, mirrored: bool, variant: bool = False, size: float = SIZE) -> Kinship:
-    """Return the relation of two copies.
+    """Return the relation of two copies; one may be a mirror image, or a variant of local differences.
 
-    Parameters
-    ----------
-    scale : float
-        Length in the second over length in the first.
-    mirrored : bool
-        Whether one is a mirror image of the other.
-    variant : bool
-        Whether they differ locally.
-    size : float
-        Largest difference of the scale of two copies of one size from 1.
+    `scale` is length in the second over length in the first; it differs from 1 by at most `size` for two
+    copies of one size.
     """
     if variant:
         return "variant"

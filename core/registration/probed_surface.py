@@ -61,13 +61,7 @@ class ProbedSurface:
 
 
 def probed_surface(mesh: Mesh) -> ProbedSurface:
-    """Return the samples and the probes of a mesh.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
-    """
+    """Return the samples and the probes of a mesh; raise DegenerateMeshError if it has no area."""
     surface = clean(mesh).mesh
     samples = samples_of_cleaned(surface)
     curved = curved_surface(surface, samples.centre, samples.unit)

@@ -89,13 +89,8 @@ class RigidCopy:
 def may_be_copy(spectral: float, first_radius: float, second_radius: float) -> bool:
     """Return whether eigenvalues and area allow that two surfaces are rigid copies or variants.
 
-    Parameters
-    ----------
-    spectral : float
-        Distance of their log eigenvalues, >= 0.
-    first_radius, second_radius : float
-        Root mean square distance of each surface from its centroid over the square root of its area. Those of
-        two surfaces differ by at most their residual.
+    `spectral` is the distance of their log eigenvalues, >= 0; a radius is the root mean square distance of a
+    surface from its centroid over the square root of its area. Radii differ by at most the residual.
     """
     return spectral <= COPY_SPECTRAL and abs(first_radius - second_radius) <= COPY_RADIUS
 
@@ -106,13 +101,7 @@ def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> Rig
     The samples must coincide, in their order, after a rotation and a scaling: surfaces with other
     tessellations have other samples. Samples that coincide after a reflection tell nothing, as the surface
     may be symmetric. A difference between the samples shows in the area, the volume, the radius or the
-    eigenvalues.
-
-    Parameters
-    ----------
-    first, second : Embedding
-    spectral : float
-        Distance of their log eigenvalues, >= 0.
+    eigenvalues, whose logarithms have the distance `spectral`.
     """
     ours, theirs = first.facts, second.facts
     if (ours.vertices, ours.faces) != (theirs.vertices, theirs.faces) or spectral > ISOSPECTRAL:
@@ -135,15 +124,8 @@ def copy_by_surfaces(
     """Register two surfaces; return the second as a copy or variant of the first, None if it is neither.
 
     A variant is a rotated copy, of any size, but for a local difference; variants of the mirror image are not
-    sought.
-
-    Parameters
-    ----------
-    first, second : ProbedSurface
-    pairs : two of float64, shape (m, 3)
-        Corresponding points of both surfaces, in the files' units, for one of the initial alignments.
-    variants : bool
-        Whether variants are wanted; without them, most pairs that are no copies take half of the time.
+    sought. Without variants, most pairs that are no copies take half of the time. `pairs` are corresponding
+    points of both surfaces, shapes (m, 3), in the files' units, for one of the initial alignments.
     """
     variant, least = None, np.inf
     for sign, most in ((1, FITTED if variants else COPIED), (-1, COPIED)):

@@ -42,15 +42,9 @@ NEAR = 3.0 * RESIDUAL
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """The similarity transform p -> scale * rotation @ p + shift.
+    """The similarity transform p -> scale * rotation @ p + shift, scale > 0.
 
-    Attributes
-    ----------
-    scale : float
-        > 0.
-    rotation : float64, shape (3, 3)
-        Orthogonal; its determinant is 1, or -1 for a reflection.
-    shift : float64, shape (3,)
+    The rotation, shape (3, 3), is orthogonal; its determinant is 1, or -1 for a reflection.
     """
 
     scale: float
@@ -75,14 +69,9 @@ class Similarity:
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:
     """Return the least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).
 
-    Parameters
-    ----------
-    source, target : float64, shape (n, 3)
-        Row i of the source corresponds to row i of the target.
-    sign : int
-        Sign of the determinant: 1 for a rotation, -1 for a reflection.
-    scaled : bool
-        Whether the scale is fitted; else it is 1, as for a source whose points coincide.
+    Row i of the source, shape (n, 3), corresponds to row i of the target. The determinant has the sign: 1 for
+    a rotation, -1 for a reflection. The scale is 1 unless it is fitted, or where the points of the source
+    coincide.
     """
     source_centre, target_centre = source.mean(axis=0), target.mean(axis=0)
     centred = source - source_centre

@@ -83,18 +83,8 @@ def _stepped(
 ) -> tuple[Similarity, _Faces, float, float]:
     """Take one Gauss-Newton step, from the points of `stride` and the closest faces of the step before.
 
-    A pair at the distance `width` has a quarter of its weight.
-
-    Returns
-    -------
-    Similarity
-        The next transform.
-    two of int64
-        The closest faces.
-    float
-        The largest change of a parameter.
-    float
-        Share of the points that deviated before the step.
+    A pair at the distance `width` has a quarter of its weight. Return the next transform, the closest faces,
+    the largest change of a parameter, and the share of the points that deviated before the step.
     """
     ours, theirs = first.fit[::stride], second.fit[::stride]
     # Pairs of points and closest points, both ways, in the frame of the second surface.

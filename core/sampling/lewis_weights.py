@@ -17,17 +17,11 @@ rounding of a file in single precision, which must not select the samples of a f
 
 @dataclass(frozen=True, eq=False)
 class LewisWeights:
-    """Lewis weights of n points (Algorithm 1).
+    """Lewis weights of n points (Algorithm 1), each array of shape (n,).
 
-    Attributes
-    ----------
-    leverage : float64, shape (n,)
-        Squared row norms of an orthonormal basis of B's columns, in [0, 1], summing to the rank (Eq. 2). For
-        p = 2 they are the Lewis weights of B (Theorem 2).
-    residual : float64, shape (n,)
-        rho = B x - z of the second stage (Eq. 12).
-    weights : float64, shape (n,)
-        q of Eq. 12, >= 0: in [0, 1] if normalised; the printed constants may give values above 1.
+    `leverage` has squared row norms of an orthonormal basis of B's columns, in [0, 1], summing to the rank
+    (Eq. 2): for p = 2 the Lewis weights of B (Theorem 2). `residual` is rho = B x - z of the second stage,
+    and `weights` q (Eq. 12), >= 0: in [0, 1] if normalised; the printed constants may give values above 1.
     """
 
     leverage: Floats
@@ -38,12 +32,8 @@ class LewisWeights:
 def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
     """Return B of Eq. 8, the monomials x^i y^j with i + j <= degree: (degree + 1)(degree + 2) / 2 columns.
 
-    x and y are first scaled to [-1, 1], which changes the columns but not their span.
-
-    Raises
-    ------
-    ParameterError
-        The degree is below 1 or above 12.
+    x and y are first scaled to [-1, 1], which changes the columns but not their span. Raise ParameterError if
+    the degree is below 1 or above 12.
     """
     if not 1 <= degree <= 12:
         raise ParameterError(f"the degree must be 1 to 12, not {degree}")
@@ -75,10 +65,7 @@ def orthonormal_basis(matrix: Floats) -> Floats:
 def printed_constants(rank: int, epsilon: float) -> tuple[float, float]:
     """Return r1 of Eq. 11 and r2 of Eq. 12 as printed, for p = 2 and the exponent k = 2.
 
-    Raises
-    ------
-    ParameterError
-        Epsilon is outside (0, 1/7).
+    Raise ParameterError if epsilon is outside (0, 1/7).
     """
     if not 0.0 < epsilon < 1.0 / 7.0:
         raise ParameterError(f"epsilon must be between 0 and 1/7, not {epsilon}")

@@ -20,18 +20,8 @@ ROUNDING = 1e-9
 def embedded_points(mesh: Mesh, graph: csr_array, parameters: Parameters) -> tuple[Ints, int]:
     """Return the vertices that are embedded, shape (d,), and the number m of samples, which come first.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        In its normal frame, with n vertices.
-    graph : csr_array, shape (n, n)
-        Its edge graph.
-    parameters : Parameters
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has too few vertices for the dimensions.
+    The mesh is in its normal frame, and the graph its edge graph. Raise DegenerateMeshError if there are too
+    few vertices for the dimensions.
     """
     wanted, spectral = parameters.sampling, parameters.spectral
     count = wanted.samples or round(wanted.tau * len(mesh.vertices))
@@ -71,13 +61,6 @@ def sort_and_cut(weights: Floats, count: int) -> Ints:
     """Return the `count` points of largest weight, descending (the paper's selection), shape (count,).
 
     Ties are broken by the order of the points.
-
-    Parameters
-    ----------
-    weights : float64, shape (n,)
-        Lewis weights, >= 0.
-    count : int
-        At most n.
     """
     return np.argsort(-tied_ranks(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
 
@@ -85,21 +68,8 @@ def sort_and_cut(weights: Floats, count: int) -> Ints:
 def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
     """Return pseudo-random numbers in [0, 1), one for each point, that depend on its position alone.
 
-    Coordinates are rounded to `digits` decimals and hashed with the seed, so a surface gives the same draw
-    for any order of its vertices.
-
-    Parameters
-    ----------
-    points : float64, shape (n, 3)
-        In the normal frame.
-    seed : int
-        Key of the hash, a signed 64-bit number.
-    digits : int
-        Number of decimals.
-
-    Returns
-    -------
-    float64, shape (n,)
+    Coordinates in the normal frame, shape (n, 3), are rounded to `digits` decimals and hashed with the seed,
+    a signed 64-bit number, so a surface gives the same draw for any order of its vertices.
     """
     key = seed.to_bytes(8, "little", signed=True)
     cells = np.rint(np.ascontiguousarray(points) * 10**digits).astype("<i8")
@@ -126,16 +96,7 @@ def random_draw(weights: Floats, count: int, uniform: Floats) -> Ints:
 
     Pareto sampling (Rosen 1997) selects the points of smallest u_i (1 - p_i) / (p_i (1 - u_i)). Poisson
     sampling keeps a point if this ratio is below 1; the fixed size changes the probabilities slightly. Every
-    point with p_i = 1 is selected.
-
-    Parameters
-    ----------
-    weights : float64, shape (n,)
-        Lewis weights, >= 0.
-    count : int
-        At most n.
-    uniform : float64, shape (n,)
-        Uniform numbers u_i in [0, 1).
+    point with p_i = 1 is selected. The q_i are `weights` >= 0, and the u_i `uniform` in [0, 1), shapes (n,).
     """
     probability = np.minimum(1.0, draw_scale(weights, count) * weights)
     # Points of weight 0 come last, ordered by `uniform`.

@@ -66,13 +66,7 @@ class SurfaceSamples:
 
 
 def surface_samples(mesh: Mesh) -> SurfaceSamples:
-    """Sample a mesh, at unit area.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area.
-    """
+    """Sample a mesh, at unit area; raise DegenerateMeshError if it has no area."""
     return samples_of_cleaned(clean(mesh).mesh)
 
 
@@ -88,44 +82,19 @@ def samples_of_cleaned(surface: Mesh) -> SurfaceSamples:
 
 
 def closest_points(surface: SurfaceSamples, points: Floats) -> Floats:
-    """Return the closest point of a surface to each point, on the faces of the nearest samples, shape (n, 3).
-
-    Parameters
-    ----------
-    surface : SurfaceSamples
-    points : float64, shape (n, 3)
-        At unit area.
-    """
+    """Return the closest point of a surface to each point, at unit area, on faces of the nearest samples."""
     near = surface.faces[surface.tree.query(points, k=NEIGHBOURS)[1]]
     return closest_on_triangles(surface.corners, near, points)
 
 
 def evenly_spread(corners: Floats, areas: Floats, count: int) -> tuple[Floats, Ints]:
-    """Return points spread evenly by area, shape (count, 3), and the face of each, shape (count,).
-
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of the faces.
-    areas : float64, shape (f,)
-        Areas of the faces.
-    count : int
-        Number of points.
-    """
+    """Return points spread by area on faces of given corners, shape (count, 3), and the face of each."""
     shares, faces = evenly_spread_shares(areas, count)
     return np.einsum("pc,pcx->px", shares, corners[faces]), faces
 
 
 def evenly_spread_shares(areas: Floats, count: int) -> tuple[Floats, Ints]:
-    """Return barycentric coordinates of points spread by area, shape (count, 3), and their faces, (count,).
-
-    Parameters
-    ----------
-    areas : float64, shape (f,)
-        Areas of the faces.
-    count : int
-        Number of points.
-    """
+    """Return barycentric coordinates of points spread by area, shape (count, 3), and their faces."""
     total = np.cumsum(areas)
     wanted = (np.arange(count) + 0.5) / count * total[-1]
     return _r2_shares(count), np.minimum(np.searchsorted(total, wanted), len(areas) - 1)

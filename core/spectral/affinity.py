@@ -20,23 +20,15 @@ EQUAL_VALUES = 1e-4
 def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = None) -> Floats:
     """Return the Gaussian affinity W = exp(-d^2 / 2 s^2), in [0, 1]; s is `width` times the mean distance.
 
+    Raise ParameterError if the width is not positive.
+
     Parameters
     ----------
     distances : float64, shape (m, m), or (d, m) with areas
         >= 0.
     width : float
-        > 0.
     areas : float64, shape (m,), optional
         Weights of the columns in the mean, of sum 1. Without them the mean is over pairs of distinct samples.
-
-    Returns
-    -------
-    float64, of the shape of `distances`
-
-    Raises
-    ------
-    ParameterError
-        The width is not positive.
     """
     if not width > 0.0:
         raise ParameterError(f"the affinity's width must be positive, not {width}")
@@ -48,13 +40,7 @@ def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = No
 
 
 def distance_affinity(distances: Floats) -> Floats:
-    """Return the literal Eq. 13: distances over their mean off the diagonal, and 1 on it, shape (m, m).
-
-    Parameters
-    ----------
-    distances : float64, shape (m, m)
-        Symmetric, 0 on the diagonal.
-    """
+    """Return the literal Eq. 13: symmetric distances over their mean off the diagonal, 1 on it, (m, m)."""
     count = len(distances)
     mean = float(distances.sum()) / (count * (count - 1))
     affinity = distances / mean
@@ -66,21 +52,9 @@ def leading_eigenpairs(affinity: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the `count` eigenvalues of largest magnitude, and their unit eigenvectors (W = Q L Q^T).
 
     A Gaussian affinity has no negative eigenvalues. A matrix of tree distances has one positive eigenvalue;
-    its large negative eigenvalues describe the shape, and small positive ones are rounding.
-
-    Parameters
-    ----------
-    affinity : float64, shape (m, m)
-        Symmetric.
-    count : int
-        At most m.
-
-    Returns
-    -------
-    float64, shape (count,)
-        Eigenvalues by descending magnitude.
-    float64, shape (m, count)
-        Eigenvectors in columns, oriented by `oriented`.
+    its large negative eigenvalues describe the shape, and small positive ones are rounding. Eigenvalues,
+    shape (count,), are by descending magnitude; eigenvectors are in columns, shape (m, count), as of
+    `oriented`.
     """
     size = len(affinity)
     if size < SPARSE_FROM:

@@ -44,11 +44,8 @@ def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper
 def affinity_signature(values: Floats) -> Floats:
     """Return the logarithms of the leading eigenvalues' magnitudes over the root of their number, shape (s,).
 
-    Parameters
-    ----------
-    values : float64, shape (s,)
-        Eigenvalues over the number of samples, or of the integral operator: those of a Gaussian affinity sum
-        to at most 1, so shapes with different numbers of samples are comparable.
+    The values are eigenvalues over the number of samples, or of the integral operator: those of a Gaussian
+    affinity sum to at most 1, so shapes with different numbers of samples are comparable.
     """
     return np.asarray(np.log(np.maximum(np.abs(values), 1e-6)) / np.sqrt(max(1, len(values))))
 
@@ -58,13 +55,7 @@ def laplacian_signature(values: Floats, area: float) -> Floats:
 
     This is ShapeDNA (Reuter, Wolter, Peinecke 2006), normalised by the area. Its authors divide by the first
     eigenvalue, which a thin neck or a loose component changes most. The Euclidean distance of two signatures
-    is the root mean square difference of logarithms, for any s.
-
-    Parameters
-    ----------
-    values : float64, shape (s,)
-        Eigenvalues after the constant one, ascending.
-    area : float
-        Surface area, > 0.
+    is the root mean square difference of logarithms, for any s. The values, ascending, are those after that
+    of the constant function; the area is > 0.
     """
     return np.asarray(np.log(np.maximum(values * area, FAINTEST)) / np.sqrt(max(1, len(values))))

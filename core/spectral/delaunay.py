@@ -29,13 +29,6 @@ def tufted_cover(vertices: Floats, faces: Ints, sides: HalfEdges) -> tuple[Ints,
     next face that it faces; at a boundary edge the front is glued to the back of the same face (N. Sharp,
     K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, section 4.1).
 
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-    sides : HalfEdges
-        The half-edges of the faces.
-
     Returns
     -------
     cover : int64, shape (2 f, 3)

@@ -49,17 +49,9 @@ ONE = np.uint64(1)
 
 
 class SymmetricFactor:
-    """The factors of a sparse symmetric positive definite matrix.
+    """The factors of a sparse symmetric positive definite matrix, whose part below the diagonal is not read.
 
-    Parameters
-    ----------
-    matrix : csc_array, shape (n, n)
-        The part below the diagonal is not read.
-
-    Raises
-    ------
-    RuntimeError
-        The matrix is not positive definite.
+    Raise RuntimeError if it is not positive definite.
     """
 
     def __init__(self, matrix: csc_array) -> None:
@@ -81,13 +73,7 @@ class SymmetricFactor:
         self._order = np.array(order, dtype=np.int64)
 
     def solve(self, right: Floats) -> Floats:
-        """Return the solution x of A x = b, for b of shape (n,) or, a column each, (n, c).
-
-        Raises
-        ------
-        ValueError
-            b has another length.
-        """
+        """Return the solution x of A x = b, of shape (n,) or (n, c); raise ValueError for another length."""
         if len(right) != len(self._inverse):
             raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
         solution = np.array(right.reshape(len(right), -1), dtype=np.float64)
@@ -104,24 +90,11 @@ def _solve(
     order: Ints,
     solution: Floats,
 ) -> None:
-    """Replace b by the solution of A x = b, four columns at a time.
+    """Replace b, shape (n, c), by the solution of A x = b, four columns at a time.
 
-    A solution with `qdldl.Solver.solve`, which takes one column, takes twice as long for each.
-
-    Parameters
-    ----------
-    starts : uint64, shape (n + 1,)
-        Where the entries of each column of L begin.
-    rows : uint32, shape (e,)
-        Rows of the entries below the unit diagonal.
-    values : float64, shape (e,)
-        The entries.
-    inverse : float64, shape (n,)
-        1 / D.
-    order : int64, shape (n,)
-        The row of A that each row of the factors is.
-    solution : float64, shape (n, c)
-        b; overwritten.
+    A solution with `qdldl.Solver.solve`, which takes one column, takes twice as long for each. `starts` tells
+    where the entries of each column of L begin; `rows` and `values` are those below the unit diagonal, shape
+    (e,); `inverse` is 1 / D; `order` has the row of A that each row of the factors is.
     """
     count, columns = solution.shape
     x = np.zeros((count, 4))
@@ -175,27 +148,10 @@ def _solve(
 def least_eigenpairs(factor: SymmetricFactor, known: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the least eigenpairs of a symmetric positive definite matrix, but for one that is known.
 
-    Parameters
-    ----------
-    factor : SymmetricFactor
-        Of the matrix, shape (n, n).
-    known : float64, shape (n,)
-        The unit eigenvector that is left out.
-    count : int
-        Less than n / 4.
-
-    Returns
-    -------
-    float64, shape (count,)
-        Eigenvalues, ascending, with all their copies.
-    float64, shape (n, count)
-        Orthonormal eigenvectors.
-
-    Raises
-    ------
-    LinAlgError
-        The eigenvalues do not converge: n may be too small for their copies, or more than a hundred
-        eigenvalues are nearly equal.
+    `known` is the unit eigenvector that is left out, shape (n,); count < n / 4. Eigenvalues, shape (count,),
+    ascend, with all their copies; eigenvectors are orthonormal columns, shape (n, count). Raise LinAlgError
+    if the eigenvalues do not converge: n may be too small for their copies, or more than a hundred of them
+    are nearly equal.
     """
     block = BLOCK
     while True:

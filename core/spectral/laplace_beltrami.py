@@ -93,14 +93,7 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
 def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array:
     """Return the symmetric matrix M^-1/2 L M^-1/2 + shift, whose eigenvectors are M^1/2 phi.
 
-    Parameters
-    ----------
-    stiffness : csc_array, shape (n, n)
-        L, with an entry for each vertex on the diagonal, as from `laplacian`.
-    areas : float64, shape (n,)
-        The diagonal of M.
-    shift : float
-        Added to the eigenvalues.
+    L and the diagonal of M are those of `laplacian`; the shift is added to the eigenvalues.
     """
     root = 1.0 / np.sqrt(areas)
     rows, columns = stiffness.indices, np.repeat(np.arange(len(areas)), np.diff(stiffness.indptr))

@@ -29,18 +29,8 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
 
     The faces of a component are turned alike if the two faces at an edge pass it in opposite directions. A
     closed component has its normals outward: its volume is positive. An open one keeps its faces as they are.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    areas : float64, shape (f,)
-        Areas of the faces.
-
-    Returns
-    -------
-    float64, shape (f,), or None
-        None for a surface whose faces are turned every way: components without an orientation have more than
-        1 - `ORIENTED_AREA` of its area.
+    Return None for a surface whose faces are turned every way: components without an orientation have more
+    than 1 - `ORIENTED_AREA` of its area.
     """
     faces = mesh.faces
     sides = mesh.half_edges

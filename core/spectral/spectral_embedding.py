@@ -51,12 +51,7 @@ def spectra_of(
 ) -> tuple[tuple[Spectrum, ...], Floats, Int8s]:
     """Return the spectral embeddings that the parameters name, the signature and the orientation.
 
-    Parameters
-    ----------
-    surface : Mesh
-        In its normal frame.
-    points : SampledSurface
-    wanted : SpectralParameters
+    The surface is in its normal frame.
 
     Returns
     -------
@@ -102,16 +97,9 @@ def spectra_of(
 
 
 def _at_all_vertices(functions: Floats, points: Ints, coordinates: Float32s) -> Floats:
-    """Return the coordinates of the embedded points at all vertices, shape (n, k), by eigenfunctions.
+    """Return the coordinates of the embedded points at all vertices, shape (n, k), by eigenfunctions (n, s).
 
-    Parameters
-    ----------
-    functions : float64, shape (n, s)
-        Eigenfunctions.
-    points : int64, shape (d,)
-        Vertices.
-    coordinates : float32, shape (d, k)
-        Up to a constant, which signed areas do not depend on.
+    They are exact up to a constant, which signed areas do not depend on.
     """
     centred = functions[points] - functions[points].mean(axis=0)
     return np.asarray(functions @ np.linalg.lstsq(centred, coordinates.astype(np.float64))[0])
