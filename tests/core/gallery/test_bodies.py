@@ -153,20 +153,6 @@ def test_a_class_that_never_comes_out_sound_is_an_error(monkeypatch):
         make_body("pliers", vertices=500)
 
 
-def test_individuals_of_small_variation_are_alike_and_not_equal():
-    """Root mean square relative differences of distances between joints, at rest."""
-    drawn = make_body("person", 0, vertices=500)
-    alike, again = (
-        [make_body("person", number, vertices=500, variation=0.05) for number in range(2)] for _ in range(2)
-    )
-    assert all(
-        np.array_equal(one.rest.vertices, other.rest.vertices)
-        for one, other in zip(alike, again, strict=True)
-    )
-    assert not np.array_equal(alike[0].solids[-1].frame.origin, drawn.solids[-1].frame.origin)
-    assert len({tuple(one.solids[-1].frame.origin) for one in alike}) == len(alike)
-
-
 def test_a_variation_is_that_of_the_proportions():
     """Normal about the middle of the range, which a pose's numbers do not change."""
     seeds = [SeedSequence(number) for number in range(2000)]

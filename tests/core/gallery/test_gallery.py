@@ -135,14 +135,6 @@ def test_a_ball_has_the_area_and_volume_of_a_ball():
     assert np.abs(np.linalg.norm(vertices, axis=1) - 1).max() < 0.01
 
 
-def test_a_capsule_has_the_volume_of_a_capsule():
-    bone = tube(np.array([[0.0, 0, 0], [2.0, 1.0, 0.5]]), [0.3, 0.3], blend=0.0)
-    vertices, faces = surface([bone], 3000)
-    length = np.sqrt(5.25)
-    volume = trimesh.Trimesh(vertices, faces, process=False).volume
-    assert volume == pytest.approx(np.pi * 0.09 * (length + 0.4), rel=0.02)
-
-
 def test_touching_limbs_show_as_a_handle():
     angles = np.linspace(0, 2 * np.pi, 25)
     ring = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])

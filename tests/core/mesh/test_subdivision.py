@@ -7,8 +7,7 @@ from trimesh.proximity import closest_point_naive
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE
-from core.mesh.subdivision import edge_table, refine, split_faces, split_long_edges
+from core.mesh.subdivision import refine, split_faces, split_long_edges
 from tests.core.shapes import (
     as_trimesh,
     blob,
@@ -117,55 +116,16 @@ def test_edges_as_long_as_each_other_are_cut_alike_however_the_mesh_is_given():
         assert half_edges(found.faces).edges.tolist() == expected.tolist()
 
 
-def split_plainly(faces, middle, vertices):
-    """Reference for `split_faces`, by arrays."""
-    marked = middle >= 0
-    number = marked.sum(axis=1)
-    pieces = [faces[number == 0]]
-    one = number == 1
-    if one.any():
-        turn = np.argmax(marked[one], axis=1)
-        corner = np.take_along_axis(faces[one], (turn[:, None] + np.arange(3)) % 3, axis=1)
-        m = middle[one][np.arange(len(turn)), turn]
-        pieces += [
-            np.stack([corner[:, 0], m, corner[:, 2]], axis=1),
-            np.stack([m, corner[:, 1], corner[:, 2]], axis=1),
+@pytest.mark.parametrize("turn", range(3))
+def test_a_face_with_two_midpoints_is_cut_along_the_shorter_diagonal(turn):
+    for corners in np.random.default_rng(turn).normal(size=(20, 3, 3)):
+        vertices = np.concatenate([corners, (corners[:2] + corners[1:]) / 2.0])
+        face, middle = np.roll([0, 1, 2], turn), np.roll([3, 4, -1], turn)
+        pieces = split_faces(face[None], middle[None], vertices)
+        edges = half_edges(pieces).edges.tolist()
+        lengths = {(a, b): np.linalg.norm(vertices[a] - vertices[b]) for a, b in ((0, 4), (2, 3))}
+        assert [list(ends) in edges for ends in lengths] == [
+            length == min(lengths.values()) for length in lengths.values()
         ]
-    two = number == 2
-    if two.any():
-        turn = (np.argmin(marked[two], axis=1) + 1) % 3
-        steps = (turn[:, None] + np.arange(3)) % 3
-        corner = np.take_along_axis(faces[two], steps, axis=1)
-        split = np.take_along_axis(middle[two], steps, axis=1)
-        a, b, c = corner.T
-        ab, bc = split[:, 0], split[:, 1]
-        pieces.append(np.stack([ab, b, bc], axis=1))
-        across = np.linalg.norm(vertices[a] - vertices[bc], axis=1)
-        other = np.linalg.norm(vertices[ab] - vertices[c], axis=1)
-        equal = np.abs(across - other) <= TIE * other
-        short = np.where(equal, a < c, across < other)[:, None]
-        pieces.append(np.where(short, np.stack([a, ab, bc], axis=1), np.stack([a, ab, c], axis=1)))
-        pieces.append(np.where(short, np.stack([a, bc, c], axis=1), np.stack([ab, bc, c], axis=1)))
-    three = number == 3
-    if three.any():
-        a, b, c = faces[three].T
-        ab, bc, ca = middle[three].T
-        pieces += [
-            np.stack([a, ab, ca], axis=1),
-            np.stack([ab, b, bc], axis=1),
-            np.stack([ca, bc, c], axis=1),
-            np.stack([ab, bc, ca], axis=1),
-        ]
-    return np.concatenate(pieces)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
-def test_faces_are_cut_as_by_arrays(share):
-    mesh = blob(subdivisions=2)
-    edges, of_face = edge_table(mesh.faces)
-    marked = np.flatnonzero(np.random.default_rng(0).random(len(edges)) < share)
-    middle = np.full(len(edges), -1)
-    middle[marked] = len(mesh.vertices) + np.arange(len(marked))
-    vertices = np.concatenate([mesh.vertices, mesh.vertices[edges[marked]].mean(axis=1)])
-    found = split_faces(mesh.faces, middle[of_face], vertices)
-    np.testing.assert_array_equal(found, split_plainly(mesh.faces, middle[of_face], vertices))
+        assert len(pieces) == 3
+        assert face_areas(vertices, pieces).sum() == pytest.approx(face_areas(vertices, face[None]).sum())

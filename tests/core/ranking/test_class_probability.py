@@ -178,13 +178,6 @@ def test_both_ways_to_the_last_bit(embedded):
     assert ((rows >= 0.0) & (rows <= 1.0)).all()
 
 
-def test_the_others_compared_change_nothing(embedded):
-    pipeline, embeddings = embedded
-    together = combined(pipeline, embeddings[0], embeddings)
-    for embedding, likelihood in zip(embeddings, together, strict=True):
-        assert combined(pipeline, embeddings[0], [embedding])[0] == likelihood
-
-
 def test_poses_of_one_class_are_likelier_than_two_classes(embedded):
     pipeline, (cup, other_cup, octopus, snake) = embedded
     alike, *different = combined(pipeline, cup, [other_cup, octopus, snake])

@@ -202,12 +202,3 @@ def test_a_variant_says_where_it_differs_and_how_much() -> None:
     assert 0.5 * min(radius, thick / 2) <= here.distance <= radius + 0.1
     volumes = [PIPELINE.embed(mesh).facts.volume for mesh in (first, second)]
     assert here.volume == pytest.approx(volumes[1] / volumes[0], rel=1e-4)
-
-
-def test_the_longer_plate_differs_at_its_end_by_a_millimetre() -> None:
-    first, second = part("plate", Drawing(9, 0.05)), part("plate", Drawing(9, 0.05, change="longer"))
-    found = judged(first, moved(second, 5))
-    assert found is not None
-    assert found.difference is not None
-    assert found.difference.distance == pytest.approx(1.0, abs=0.02)
-    assert found.difference.low[0] > 0.5 * Drawing(9, 0.05).draw(80, 140, 0)

@@ -34,13 +34,6 @@ def test_signed_areas_are_integrals_of_cross_products_of_gradients():
     np.testing.assert_allclose(found, expected[:, *np.tril_indices(3, -1)], atol=1e-12)
 
 
-def test_the_areas_of_a_plane_are_its_areas():
-    mesh = rectangle(2.0, 1.0, 6, 4)
-    signs = signs_of(mesh)
-    found = signed_areas(mesh.vertices[:, :2], mesh.faces, signs, np.zeros(len(mesh.vertices), np.int64), 1)
-    assert abs(found[0, 0]) == pytest.approx(face_areas(mesh.vertices, mesh.faces).sum())
-
-
 def test_normals_of_closed_surfaces_point_outward():
     ball = icosphere(1)
     inward = Mesh(ball.vertices + 9.0, ball.faces[:, TURNED])
