@@ -104,8 +104,7 @@ soak: kill-test load-test cluster-test postgresql-test method-test studies-test 
 
 CYCLES ?= 200
 kill-test: $(DEV)
-	$(PYTEST) tests/soak/kill
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.kill --cycles $(CYCLES)
+	CYCLES=$(CYCLES) SEED=$(SEED) $(PYTEST) tests/soak/kill -rP
 
 cluster-test: $(DEV)
 	$(PYTEST) tests/soak/cluster
@@ -129,24 +128,14 @@ collections-test: $(DEV)
 COUNT ?= 10000
 SEED ?= 0
 hostile-test: $(DEV)
-	$(PYTEST) $(AT_A_TIME) tests/soak/hostile
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.hostile.changed --count $(COUNT) --seed $(SEED)
+	COUNT=$(COUNT) SEED=$(SEED) $(PYTEST) $(AT_A_TIME) tests/soak/hostile -rP
 
 schema-test: $(DEV)
 	$(PYTEST) tests/soak/schema --hypothesis-seed=$(SEED)
 
-# locust brings a web server: it stays out of the environment that runs the service and its tests.
-LOCUST := $(VENV)/load
-$(LOCUST)/bin/locust: pyproject.toml $(DEV)
-	$(BIN)/python -m venv --clear $(LOCUST)
-	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["load"], sep="\n")' \
-		| $(LOCUST)/bin/python -m pip -qq --disable-pip-version-check install --requirement /dev/stdin
-	@touch $@
-
 MINUTES ?= 20
-load-test: $(LOCUST)/bin/locust
-	$(PYTEST) tests/soak/load
-	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.load --minutes $(MINUTES) --locust $(LOCUST)/bin/locust
+load-test: $(DEV)
+	MINUTES=$(MINUTES) $(PYTEST) tests/soak/load -rP
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import psutil
 
-THREADS = 1
-
 
 class Cluster:
     """A scheduler at one address, and workers of one thread."""
@@ -32,7 +30,7 @@ class Cluster:
             options = ["--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard", "--no-show"]
             self._scheduler = self._run("dask_scheduler", *options)
         for _ in range(workers):
-            options = ["--no-nanny", "--nthreads", str(THREADS), "--no-dashboard", "--memory-limit", "0"]
+            options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--memory-limit", "0"]
             options += ["--host", "127.0.0.1", "--local-directory", str(self._folder)]
             self.workers.append(self._run("dask_worker", self.address, *options))
 
@@ -53,9 +51,6 @@ class Cluster:
     def stop(self) -> None:
         if self._scheduler is not None:
             self.kill_scheduler()
-
-    def log(self) -> str:
-        return (self._folder / "dask.txt").read_text()
 
     def _run(self, program: str, *options: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", *options]

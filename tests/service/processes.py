@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+import psutil
 
 from tests.service.engines import url_in
 from tests.service.support import wait_until
@@ -55,10 +56,12 @@ def answers(client: httpx.Client) -> bool:
 
 def children(pid: int) -> list[int]:
     """The processes below a process: the fork server of a service, and its workers and readers."""
-    found: list[int] = []
-    for listed in Path(f"/proc/{pid}/task").glob("*/children"):
-        try:
-            found += [int(child) for child in listed.read_text().split()]
-        except OSError:  # the thread has ended
-            continue
-    return found + [grandchild for child in found for grandchild in children(child)]
+    return [child.pid for child in psutil.Process(pid).children(recursive=True)]
+
+
+def runs(pid: int) -> bool:
+    """Whether a process runs; one that has ended may still be listed until somebody asks how it ended."""
+    try:
+        return psutil.Process(pid).status() not in {psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD}
+    except psutil.NoSuchProcess:
+        return False

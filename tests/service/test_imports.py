@@ -3,6 +3,7 @@
 import ast
 from collections.abc import Iterator
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -41,7 +42,33 @@ ALLOWED_OUTSIDE = {
     ("core.parameters", "pydantic"),
 }
 
-WEB = {"fastapi", "starlette", "uvicorn"}
+# Who alone imports a package.
+ONLY = {
+    "trimesh": ("core.io", "service.evaluation.baselines"),
+    "lapy": ("service.evaluation.baselines",),
+    "sklearn": ("service.evaluation.baselines",),
+    "service.evaluation": ("service.evaluation", "service.cli"),
+    "service.app": (
+        "service.app",
+        "service.openapi_document",
+        "service.cli.serve",
+        "service.cli.service_address",
+    ),
+}
+
+# Who never imports what, in folders where the order allows it.
+NEVER = {
+    "service.compute": ("service.storage",),
+    "service.shapes.repository": ("service.shapes.service", "service.shapes.endpoints", "service.container"),
+    "service.search.repository": ("service.search.answer", "service.search.endpoints", "service.container"),
+    "service.jobs.repository": ("service.jobs.service", "service.jobs.endpoints", "service.container"),
+    "service.shapes.service": ("service.shapes.endpoints", "fastapi", "sqlalchemy"),
+    "service.search.answer": ("service.search.endpoints", "fastapi", "sqlalchemy"),
+    "service.jobs.service": ("service.jobs.endpoints", "fastapi", "sqlalchemy"),
+    "service.shapes.endpoints": ("service.shapes.repository", "service.storage", "sqlalchemy"),
+    "service.search.endpoints": ("service.search.repository", "service.storage", "sqlalchemy"),
+    "service.jobs.endpoints": ("service.jobs.repository", "service.storage", "sqlalchemy"),
+}
 
 
 @cache
@@ -95,14 +122,9 @@ def within(name: str, package: str) -> bool:
     return name == package or name.startswith(package + ".")
 
 
-def test_there_is_something_to_check() -> None:
-    assert {"core.pipeline", "core.mesh.mesh", "service.app", "service.shapes.repository"} <= set(imports())
-
-
-def test_the_core_never_imports_the_service() -> None:
-    for module, imported in imports().items():
-        if within(module, "core"):
-            assert not [name for name in imported if within(name, "service")], module
+def importing(package: str) -> set[str]:
+    """The modules that import something of a package."""
+    return {module for module, names in imports().items() if any(within(name, package) for name in names)}
 
 
 def test_the_core_is_pure() -> None:
@@ -145,86 +167,27 @@ def test_folders_import_what_others_export() -> None:
                 assert name.rpartition(".")[2] in exported(place(name)), f"{module} imports {name}"
 
 
-@pytest.mark.parametrize("package", ["core", "service"])
-def test_no_module_imports_itself_by_a_detour(package: str) -> None:
-    modules = {name for name in imports() if within(name, package)}
-    edges = {name: (imports()[name] & modules) - {name} for name in modules}
-    done: set[str] = set()
-
-    def visit(name: str, path: tuple[str, ...]) -> None:
-        assert name not in path, " -> ".join([*path, name])
-        if name not in done:
-            for target in edges[name]:
-                visit(target, (*path, name))
-            done.add(name)
-
-    for name in modules:
-        visit(name, ())
+def test_no_module_imports_itself_by_a_detour() -> None:
+    edges = {module: imported & set(imports()) - {module} for module, imported in imports().items()}
+    TopologicalSorter(edges).prepare()
 
 
-def test_only_reading_imports_trimesh() -> None:
-    users = {m for m, imported in imports().items() if any(within(name, "trimesh") for name in imported)}
+@pytest.mark.parametrize("package", ONLY)
+def test_a_package_is_imported_by_few(package: str) -> None:
+    users = importing(package)
     assert users
-    # And the comparison with trimesh's own method.
-    assert all(within(module, "core.io") or module == "service.evaluation.baselines" for module in users)
+    assert [user for user in users if not any(within(user, only) for only in ONLY[package])] == []
 
 
-def test_libraries_of_comparisons_are_imported_by_comparisons_alone() -> None:
-    for package in ("lapy", "sklearn"):
-        users = {m for m, imported in imports().items() if any(within(name, package) for name in imported)}
-        assert users == {"service.evaluation.baselines"}
-
-
-def test_evaluation_is_for_the_command_line_alone() -> None:
-    for module, imported in imports().items():
-        if any(within(name, "service.evaluation") for name in imported):
-            assert within(module, "service.evaluation") or within(module, "service.cli"), module
-
-
-@pytest.mark.parametrize(
-    ("who", "never"),
-    [
-        ("service.storage", ("service.shapes", "service.search", "service.compute", "service.app")),
-        ("service.compute", ("service.shapes", "service.search", "service.storage", "service.app")),
-        (
-            "service.shapes.repository",
-            ("service.shapes.service", "service.shapes.endpoints", "service.container"),
-        ),
-        (
-            "service.search.repository",
-            ("service.search.answer", "service.search.endpoints", "service.container"),
-        ),
-        ("service.jobs.repository", ("service.jobs.service", "service.jobs.endpoints", "service.container")),
-        ("service.jobs.service", ("service.jobs.endpoints", "fastapi", "sqlalchemy")),
-        ("service.jobs.endpoints", ("service.jobs.repository", "service.storage", "sqlalchemy")),
-        ("service.shapes.service", ("service.shapes.endpoints", "fastapi", "sqlalchemy")),
-        ("service.search.answer", ("service.search.endpoints", "fastapi", "sqlalchemy")),
-        ("service.shapes.endpoints", ("service.shapes.repository", "service.storage", "sqlalchemy")),
-        ("service.search.endpoints", ("service.search.repository", "service.storage", "sqlalchemy")),
-    ],
-)
-def test_layers_of_the_service_import_downwards(who: str, never: tuple[str, ...]) -> None:
-    modules = [module for module in imports() if within(module, who)]
+@pytest.mark.parametrize("who", NEVER)
+def test_layers_of_the_service_import_downwards(who: str) -> None:
+    modules = {module for module in imports() if within(module, who)}
     assert modules
-    for module in modules:
-        wrong = [i for i in imports()[module] if any(within(i, name) for name in never)]
-        assert not wrong, f"{module} imports {wrong}"
+    assert [name for name in NEVER[who] if modules & importing(name)] == []
 
 
 def test_sql_is_in_repositories_and_storage_only() -> None:
-    for module, imported in imports().items():
-        if any(within(name, "sqlalchemy") for name in imported):
-            at_home = within(module, "service.storage") or module.endswith("repository")
-            reads_addresses = module == "service.settings" or within(module, "service.cli")
-            assert at_home or reads_addresses, module
-
-
-def test_only_the_app_and_the_command_line_know_the_app() -> None:
-    for module, imported in imports().items():
-        if any(within(name, "service.app") for name in imported):
-            assert module in {
-                "service.app",
-                "service.openapi_document",
-                "service.cli.serve",
-                "service.cli.service_address",
-            }, module
+    others = [module for module in importing("sqlalchemy") if not module.endswith("repository")]
+    # Settings and commands read addresses.
+    homes = ("service.storage", "service.settings", "service.cli")
+    assert [module for module in others if not any(within(module, home) for home in homes)] == []

@@ -59,7 +59,7 @@ def test_a_pool_that_is_killed_waits_for_nothing(made: Cluster, pool: ClusterPoo
         pool.submit(add, 1, 1)
 
 
-def test_a_cluster_that_is_lost_is_said(made: Cluster, pool: ClusterPool) -> None:
+def test_a_cluster_that_is_lost_is_said_and_found_again(made: Cluster, pool: ClusterPool) -> None:
     waiting = [pool.submit(nap, 600) for _ in range(3)]
     while made.workers:
         made.kill_worker()
@@ -72,6 +72,9 @@ def test_a_cluster_that_is_lost_is_said(made: Cluster, pool: ClusterPool) -> Non
     made.kill_scheduler()
     wait_until(lambda: unreachable(pool), seconds=60)
     assert (pool.ready(), pool.counts()) == (False, WorkerCounts(0, 0, 0, 0))
+    made.start(1)
+    wait_until(pool.ready, seconds=240)
+    assert pool.submit(add, 1, 1).result() == 2
 
 
 def unreachable(pool: ClusterPool) -> bool:

@@ -12,6 +12,7 @@ import pytest
 from service.compute import request_queue as work_module
 from service.search import scoring
 from tests.service.calls import assert_recovered, reads, the_kept
+from tests.service.processes import runs
 from tests.service.support import (
     Running,
     assert_problem,
@@ -23,8 +24,7 @@ from tests.service.support import (
     wait_until,
 )
 from tests.service.tasks import nap_instead, napping, run_out_of_memory
-from tests.soak.hostile.corpus import CORPUS
-from tests.soak.kill.cycles import runs
+from tests.soak.hostile.packages import brackets
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,7 @@ def test_a_worker_that_is_killed(
 
 def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> None:
     """Nobody is told to send it again."""
-    (case,) = (case for case in CORPUS if case.fatal)
-    problem = assert_problem(upload(frail.client, case.make(), case.filename), 422, "malformed-mesh")
+    problem = assert_problem(upload(frail.client, brackets(), "brackets.step"), 422, "malformed-mesh")
     assert "broke down" in problem["detail"]
     assert_recovered(frail, kept)
 

@@ -6,16 +6,14 @@ from concurrent.futures import Future
 from typing import Any
 
 import httpx
-import pytest
 
 from service.compute.cluster import ClusterPool
 from service.compute.pool import WorkerCounts
-from service.errors import ClusterUnavailableError
 from tests.service.clusters import made, on_cluster, pool, service
 from tests.service.dask_cluster import Cluster
 from tests.service.jobs.support import begun, ended, files, pack
 from tests.service.support import Running, assert_problem, query, small_file, upload, wait_until
-from tests.service.tasks import add, nap
+from tests.service.tasks import nap
 
 __all__ = ["made", "on_cluster", "pool", "service"]
 
@@ -69,34 +67,3 @@ def test_a_scheduler_that_is_away(made: Cluster, service: Running) -> None:
     wait_until(lambda: client.get("/readyz").status_code == 200, seconds=240)
     assert [send().status_code for send in sent] == [201, 200]
     assert ended(client, job_id)["counts"]["stored"] == 10
-
-
-def test_a_cluster_without_workers_says_so_and_goes_on_when_one_comes(
-    made: Cluster, pool: ClusterPool
-) -> None:
-    waiting = [pool.submit(nap, 600) for _ in range(3)]
-    while made.workers:
-        made.kill_worker()
-    for each in waiting:
-        with pytest.raises(ClusterUnavailableError, match="no workers"):
-            each.result(timeout=60)
-    assert not pool.ready()
-    with pytest.raises(ClusterUnavailableError, match="no workers"):
-        pool.submit(add, 1, 1)
-    made.start(1)
-    wait_until(pool.ready, seconds=240)
-    assert pool.submit(add, 1, 1).result() == 2
-
-
-def test_a_scheduler_that_is_lost_is_said_and_found_again(made: Cluster, pool: ClusterPool) -> None:
-    waiting = [pool.submit(nap, 600) for _ in range(3)]
-    made.kill_scheduler()
-    for each in waiting:
-        with pytest.raises(ClusterUnavailableError, match="scheduler"):
-            each.result(timeout=60)
-    assert (pool.ready(), pool.counts()) == (False, WorkerCounts(0, 0, 0, 0))
-    with pytest.raises(ClusterUnavailableError, match="cannot be reached"):
-        pool.submit(add, 1, 1)
-    made.start(1)
-    wait_until(pool.ready, seconds=240)
-    assert pool.submit(add, 1, 1).result() == 2

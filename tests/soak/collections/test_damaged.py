@@ -8,16 +8,19 @@ import pytest
 from core.io import write_mesh
 from service.http.problem_document import TYPE_PREFIX
 from tests.core.damaged import DAMAGES
+from tests.service.processes import server
 from tests.soak.collections.folders import read, sample
-from tests.soak.hostile.changed import REFUSALS
-from tests.soak.hostile.serving import server
+from tests.soak.hostile.test_changed import REFUSALS
 
 pytestmark = pytest.mark.collections
 
 
 def test_models_and_damaged_copies_are_taken_or_refused_and_searched(tmp_path: Path) -> None:
     wrong = []
-    with server(tmp_path, ISOSHAPE_WORKERS="1", PYTHONWARNINGS="always::RuntimeWarning") as (_, client):
+    with server(tmp_path, PYTHONWARNINGS="always::RuntimeWarning") as (
+        _,
+        client,
+    ):
         for number, (path, _) in enumerate(sample("webmodels")[::6]):
             rng, mesh = np.random.default_rng(number), read(path)
             copies = {name: write_mesh(damage(mesh, rng), "ply") for name, damage in DAMAGES.items()}

@@ -1,4 +1,4 @@
-"""Cases of every format: no bytes, a part, another format's bytes, odd numbers, odd bodies."""
+"""Files of every format: no bytes, a part, another format's bytes, odd numbers, odd bodies."""
 
 from functools import partial
 
@@ -7,21 +7,51 @@ import numpy as np
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, PLAIN, TRIANGLES, binary_ply, binary_stl, glb, obj, off, ply, stl
-from tests.soak.hostile.bodies import STRANGE, WITHOUT_AREA, with_value
-from tests.soak.hostile.case import STORED, Hostile, malformed, refused, stored
+from tests.core.shapes import folded, rectangle
 
+TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 WRITERS = {
-    "stl": lambda vertices, faces: binary_stl(np.asarray(vertices)[faces]),
-    "ascii.stl": lambda vertices, faces: stl(np.asarray(vertices)[faces]),
-    "obj": obj,
-    "off": off,
-    "ply": binary_ply,
-    "ascii.ply": ply,
-    "glb": glb,
+    ".stl": lambda vertices, faces: binary_stl(np.asarray(vertices)[faces]),
+    "-ascii.stl": lambda vertices, faces: stl(np.asarray(vertices)[faces]),
+    ".obj": obj,
+    ".off": off,
+    ".ply": binary_ply,
+    "-ascii.ply": ply,
+    ".glb": glb,
 }
-SOUND = {name: writer(CUBE, TRIANGLES) for name, writer in WRITERS.items()}
-# With what begins a file's name: "ascii.stl" gives one that ends in -ascii.stl, "stl" in .stl.
-NAME = {name: f"-{name}" if "." in name else f".{name}" for name in WRITERS}
+"""By the end of a file's name."""
+SOUND = {end: write(CUBE, TRIANGLES) for end, write in WRITERS.items()}
+
+
+def loose(count: int = 20_000) -> Mesh:
+    """So many triangles that share nothing, of one size, scattered."""
+    places = np.random.default_rng(1).uniform(0, 100, (count, 1, 3))
+    return Mesh((places + TRIANGLE).reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+def moebius(steps: int = 40) -> Mesh:
+    """A strip with one side: three vertices across it, the last of which meet the first upside down."""
+    angle, across = 2 * np.pi * np.arange(steps)[:, None] / steps, np.array([-0.3, 0.0, 0.3])
+    radius = 1 + across * np.cos(angle / 2)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), across * np.sin(angle / 2)], -1)
+    rows = np.vstack([np.arange(3 * steps).reshape(-1, 3), [[2, 1, 0]]])
+    a, b, c, d = rows[:-1, :-1], rows[1:, :-1], rows[:-1, 1:], rows[1:, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([c, b, d], -1)])
+    return Mesh(points.reshape(-1, 3), faces.reshape(-1, 3))
+
+
+STRANGE = {
+    "triangle": lambda: Mesh(TRIANGLE, [[0, 1, 2]]),
+    "flat": lambda: rectangle(1, 1, 11, 11),
+    "edge": folded,
+    "moebius": moebius,
+    "loose": loose,
+}
+WITHOUT_AREA = {
+    "line": (np.outer(np.arange(6.0), [1.0, 2.0, 3.0]), np.arange(4)[:, None] + np.arange(3)),
+    "point": (np.full_like(CUBE, 0.25), TRIANGLES),
+    "repeated": (CUBE, np.array([[0, 0, 1], [2, 2, 2], [3, 4, 3]])),
+}
 NO_MESH = {
     "picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8,
     "program": b"\x7fELF\x02\x01\x01" + bytes(200),
@@ -29,92 +59,71 @@ NO_MESH = {
     "prose": b"Dear Sir or Madam,\n\nplease find the mesh attached.\n" * 20,
     "newlines": b"\n" * 5000,
 }
+FOREIGN = {f"{name}.{format}": data for name, data in NO_MESH.items() for format in PLAIN} | {
+    f"{end[1:].replace('.', '-')}-called.{format}": data
+    for end, data in SOUND.items()
+    for format in PLAIN
+    if not end.endswith(format)
+}
+# Any text is an OBJ without triangles, and its beginning is one if it ends with a line.
+TEXT = {name for name, data in FOREIGN.items() if name.endswith("obj") and b"\0" not in data}
+CUT = {
+    f"cut-{share}{end}": data[: len(data) * share // 100]
+    for end, data in SOUND.items()
+    for share in (3, 50, 97)
+    if end != ".obj"
+}
 
 
-def cases() -> list[Hostile]:
-    """All of them."""
-    return [*_empty(), *_cut(), *_misnamed(), *_no_mesh(), *_numbers(), *_bodies()]
+def with_value(value: float) -> np.ndarray:
+    """The cube with one coordinate replaced."""
+    changed = CUBE.copy()
+    changed[3, 1] = value
+    return changed
 
 
-def _empty() -> list[Hostile]:
-    return refused("empty", "empty-file", {f"empty.{format}": b"" for format in PLAIN})
+NUMBERS = {
+    f"{name}{end}": write(with_value(value), TRIANGLES)
+    for end, write in WRITERS.items()
+    for name, value in {"nan": np.nan, "inf": np.inf, "minus-inf": -np.inf}.items()
+} | {
+    f"overflow{end}": SOUND[end].replace(b"\n" + line + b"1.0", b"\n" + line + b"1e999", 1)
+    for end, line in {".obj": b"v ", ".off": b"", "-ascii.ply": b"", "-ascii.stl": b"    vertex "}.items()
+}
+SCALE = {"scale": [1e200, 1e200, 1e200], "mesh": 0}
 
-
-def _cut() -> list[Hostile]:
-    """Cut short; any beginning of an OBJ that ends with a line is an OBJ."""
-    cut = {
-        f"cut-{share}{NAME[name]}": SOUND[name][: len(SOUND[name]) * share // 100]
-        for name in WRITERS
-        if name != "obj"
-        for share in (3, 50, 97)
-    }
-    cases = malformed("cut", cut)
-    cases += malformed("cut", {"cut-vertex.obj": SOUND["obj"][:9], "cut-face.obj": SOUND["obj"] + b"f 1 2 -"})
-    return cases + refused("cut", "no-triangles", {"cut-before-faces.obj": SOUND["obj"].partition(b"f")[0]})
-
-
-def _misnamed() -> list[Hostile]:
-    """A sound file of each kind under the name of each other format; an OBJ is any text."""
-    cases = []
-    for name, data in SOUND.items():
-        for format in PLAIN:
-            if not name.endswith(format):
-                kind = "no-triangles" if format == "obj" and b"\0" not in data else "malformed-mesh"
-                cases += refused("cut", kind, {f"{name.replace('.', '-')}-called.{format}": data})
-    return cases
-
-
-def _no_mesh() -> list[Hostile]:
-    cases = []
-    for name, data in NO_MESH.items():
-        for format in PLAIN:
-            kind = "no-triangles" if format == "obj" and b"\0" not in data else "malformed-mesh"
-            cases += refused("cut", kind, {f"{name}.{format}": data})
-    return cases
-
-
-def _numbers() -> list[Hostile]:
-    """Numbers that are none. A normal or a colour may be one: it is not read."""
-    values = {"nan": np.nan, "inf": np.inf, "minus-inf": -np.inf}
-    files = {
-        f"{value}{NAME[name]}": write(with_value(number), TRIANGLES)
-        for name, write in WRITERS.items()
-        for value, number in values.items()
-    }
-    for name, line in {"obj": b"v ", "off": b"", "ascii.ply": b"", "ascii.stl": b"    vertex "}.items():
-        files["overflow" + NAME[name]] = SOUND[name].replace(
-            b"\n" + line + b"1.0", b"\n" + line + b"1e999", 1
-        )
-    scale = [1e200, 1e200, 1e200]
-    files["overflow.glb"] = glb(nodes=[{"scale": scale, "children": [1]}, {"mesh": 0, "scale": scale}])
-    huge = {
+CASES = {
+    ("empty", "empty-file"): {f"empty.{format}": b"" for format in PLAIN},
+    ("cut", "malformed-mesh"): {
+        **CUT,
+        **{name: data for name, data in FOREIGN.items() if name not in TEXT},
+        "cut-vertex.obj": SOUND[".obj"][:9],
+        "cut-face.obj": SOUND[".obj"] + b"f 1 2 -",
+    },
+    ("cut", "no-triangles"): {
+        **{name: FOREIGN[name] for name in TEXT},
+        "cut-before-faces.obj": SOUND[".obj"].partition(b"f")[0],
+    },
+    ("non-finite", "non-finite-coordinates"): {
+        **NUMBERS,
+        "overflow.glb": glb(nodes=[{"scale": SCALE["scale"], "children": [1]}, SCALE]),
+    },
+    ("non-finite", "degenerate-mesh"): {
         "huge.off": off(1e200 * CUBE),
         "huge.obj": obj(1e31 * CUBE),
-        "huge.glb": glb(nodes=[{"mesh": 0, "scale": scale}]),
+        "huge.glb": glb(nodes=[SCALE]),
         "huge.stl": binary_stl(1e31 * CUBE[TRIANGLES]),
-    }
-    normals = SOUND["stl"][:84] + np.float32(np.nan).tobytes() * 3 + SOUND["stl"][96:]
-    return [
-        *refused("non-finite", "non-finite-coordinates", files),
-        *refused("non-finite", "degenerate-mesh", huge),
-        *stored("non-finite", {"nan-in-a-normal.stl": normals}),
-    ]
-
-
-def _bodies() -> list[Hostile]:
-    cases = []
-    for body, make in WITHOUT_AREA.items():
-        for name, write in WRITERS.items():
-            cases += refused("degenerate", "degenerate-mesh", {body + NAME[name]: write(*make())})
-    for body, make in STRANGE.items():
-        for format in PLAIN:
-            # Twenty thousand parts take seconds to embed.
-            slow = body == "loose" and format != "stl"
-            cases.append(
-                Hostile("strange", f"{body}.{format}", partial(_written, make, format), *STORED, slow)
-            )
-    return cases
-
-
-def _written(make, format: str) -> bytes:
-    return write_mesh(Mesh(*make()), format)
+    },
+    # A normal or a colour may be no number: it is not read.
+    ("non-finite", ""): {
+        "nan-in-a-normal.stl": SOUND[".stl"][:84] + np.float32(np.nan).tobytes() * 3 + SOUND[".stl"][96:]
+    },
+    ("degenerate", "degenerate-mesh"): {
+        f"{body}{end}": write(*mesh) for body, mesh in WITHOUT_AREA.items() for end, write in WRITERS.items()
+    },
+    ("strange", ""): {
+        f"{body}.{format}": partial(lambda make, format: write_mesh(make(), format), make, format)
+        for body, make in STRANGE.items()
+        for format in PLAIN
+    },
+}

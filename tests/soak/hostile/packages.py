@@ -1,91 +1,136 @@
-"""3MF and STEP: packages that stand for more than they are, and entities that lead elsewhere."""
+"""Archives, XML, 3MF and STEP: packages that stand for more than they are, entities that lead elsewhere."""
 
-from tests.core.io.files import CUBE
+import bz2
+import gzip
+import lzma
+import struct
+import zlib
+
+from tests.core.io.files import CUBE, TRIANGLES, binary_stl, obj, off, ply
 from tests.core.io.step_files import Step, step_box
 from tests.core.io.threemf_files import MALFORMED, mesh, model, nested, package, thing, with_coordinate
-from tests.soak.hostile.case import Hostile, malformed, refused, stored
+from tests.service.jobs.support import pack
 
+ENTITIES = b"".join(
+    b'<!ENTITY %c "%s">' % (97 + i, b"lol" if i == 0 else b"&%c;" % (96 + i) * 10) for i in range(10)
+)
+XML = b'<?xml version="1.0"?>\n<!DOCTYPE x [%b]>\n<COLLADA>&%b;</COLLADA>\n'
+OUTSIDE = XML % (b'<!ENTITY e SYSTEM "file:///etc/passwd">', b"e")
+DOCUMENTS = {
+    "entities": XML % (ENTITIES, b"j"),
+    "outside": OUTSIDE,
+    "remote": OUTSIDE.replace(b"file:///etc/passwd", b"http://127.0.0.1:1/x"),
+}
+STL = binary_stl(CUBE[TRIANGLES])
+SEVENZIP = b"7z\xbc\xaf\x27\x1c" + bytes(100)
+PICKLE = b"cos\nsystem\n(S'true'\ntR."
 SHEET = thing(1, mesh([*CUBE] * 500, [(n, n + 1, n + 2) for n in range(3_990)]))
-XML = ("billion laughs", "an external entity", "a DTD elsewhere", "laughs in the relationships")
-LARGE = ("index too large", "an index of 4e9", "an index of 1e30")
-CIRCLES = ("its own component", "a circle", "a circle across parts")
-BROKEN = ("a damaged part", "no directory", "shorter than it says", "longer than it says", "cut in the XML")
 BOX = step_box()
-DEEP = 100_000
+NOTHING = Step()
+NOTHING.product("nothing", [], NOTHING.context("millimetre"))
 
 
-def cases() -> list[Hostile]:
-    """All of them."""
-    return [*_threemf(), *_step()]
+def zip_bomb(inside: str = "mesh.stl", size: int = 6 << 30) -> bytes:
+    """Return a ZIP of one file of zeros, made without making them: the same megabytes again and again."""
+    block = 16 << 20
+    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
+    packed = packer.compress(bytes(block)) + packer.flush(zlib.Z_FULL_FLUSH)
+    body = packed * (size // block) + zlib.compressobj(9, zlib.DEFLATED, -15).flush()
+    name = inside.encode()
+    sizes = struct.pack("<QQ", size, len(body))
+    extra = struct.pack("<HH", 1, len(sizes)) + sizes
+    common = struct.pack("<HHHHHIIIHH", 45, 0, 8, 0, 0, 0, 2**32 - 1, 2**32 - 1, len(name), len(extra))
+    local = b"PK\x03\x04" + common + name + extra + body
+    central = (
+        b"PK\x01\x02" + struct.pack("<H", 45) + common + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name + extra
+    )
+    return local + central + b"PK\x05\x06" + struct.pack("<HHHHIIH", 0, 0, 1, 1, len(central), len(local), 0)
 
 
-def _named(names: tuple[str, ...]) -> dict[str, bytes]:
+def brackets() -> bytes:
+    """Return brackets in brackets, over which OpenCASCADE overflows its stack, and the reader ends."""
+    head = b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nENDSEC;\nDATA;\n"
+    return head + b"#1=A" + b"(" * 100_000 + b")" * 100_000 + b";\nENDSEC;\nEND-ISO-10303-21;\n"
+
+
+def _malformed(*names: str) -> dict[str, bytes]:
     return {f"{name.replace(' ', '-')}.3mf": MALFORMED[name] for name in names}
 
 
-def _threemf() -> list[Hostile]:
-    return [
-        *malformed("xml", _named(XML)),
-        *malformed("index-large", _named(LARGE)),
-        *malformed("index-negative", _named(("a negative index",))),
-        *malformed("archive", _named((*BROKEN, "two parts of one name", "a path out of the package"))),
-        *malformed("instances", _named(CIRCLES)),
-        *refused("empty", "empty-file", {"empty.3mf": b"", "empty.step": b""}),
-        *refused("archive", "mesh-too-complex", {"members.3mf": _of_many_members}),
-        Hostile("archive", "spaces.3mf", _of_spaces, 422, "mesh-too-complex", slow=True),
-        *refused(
-            "instances",
-            "mesh-too-complex",
-            {
-                "layers.3mf": lambda: package(model(nested(12), [(12, None)])),
-                "items.3mf": lambda: package(model(items=[(1, None)] * 100_000)),
-                "sheets.3mf": lambda: package(model(SHEET, [(1, None)] * 4_000)),
-            },
+def _referring(entity: bytes) -> bytes:
+    return BOX.replace(b"DATA;\n", b"DATA;\n#9000=%b('/etc/passwd','','',#9001,'','');\n" % entity)
+
+
+CASES = {
+    ("archive", "unknown-format"): {
+        "bomb.zip": zip_bomb,
+        "bomb.zae": lambda: zip_bomb("scene.dae"),
+        "mesh.zip": pack({"mesh.stl": STL}),
+        "mesh.zae": pack({"scene.dae": OUTSIDE}),
+        "mesh.stl.zip": pack({"../../../etc/cron.d/mesh.stl": STL}),
+        "mesh.stl.gz": gzip.compress(STL, mtime=0),
+        "mesh.tar": bytes(1024),
+        "mesh.7z": SEVENZIP,
+        "mesh.gltf": b"{}",
+        "mesh.pickle": PICKLE,
+        "mesh.npz": pack({"a.npy": PICKLE}),
+    },
+    ("archive", "malformed-mesh"): {
+        "bomb.3mf": lambda: zip_bomb("3D/3dmodel.model"),
+        "mesh.3mf": pack({"3D/3dmodel.model": DOCUMENTS["entities"]}),
+        "mesh.step": b"ISO-10303-21;\n",
+        "bomb-called.stl": zip_bomb,
+        "bomb-called.glb": zip_bomb,
+        "zip-called.obj": pack({"mesh.obj": obj()}),
+        "zip-called.ply": pack({"mesh.ply": ply()}),
+        "gzip-called.off": gzip.compress(off(), mtime=0),
+        "gzip-called.ply": gzip.compress(bytes(64 << 20), mtime=0),
+        "bzip2-called.obj": bz2.compress(obj()),
+        "xz-called.stl": lzma.compress(STL),
+        "7z-called.stl": SEVENZIP,
+        "zip-behind-a-header.stl": binary_stl([], header=b"PK\x03\x04") + pack({"mesh.stl": STL}),
+        **_malformed("a damaged part", "no directory", "shorter than it says", "longer than it says"),
+        **_malformed("cut in the XML", "two parts of one name", "a path out of the package"),
+    },
+    ("archive", "mesh-too-complex"): {
+        "members.3mf": lambda: package(parts={str(number): "" for number in range(100_000)}),
+        # 900 MB in one.
+        "spaces.3mf": lambda: package(" " * 900_000_000),
+    },
+    ("xml", "unknown-format"): {
+        f"{name}.{ending}": text
+        for name, text in DOCUMENTS.items()
+        for ending in ("dae", "x3d", "xml", "svg", "amf", "xaml")
+    },
+    ("xml", "malformed-mesh"): {
+        **{f"{n}.{format}": text for n, text in DOCUMENTS.items() for format in ("stl", "ply", "off", "glb")},
+        **_malformed(
+            "billion laughs", "an external entity", "a DTD elsewhere", "laughs in the relationships"
         ),
-        *refused(
-            "non-finite",
-            "non-finite-coordinates",
-            {f"{value}.3mf": with_coordinate(value) for value in ("NaN", "inf", "-inf", "1e999")},
-        ),
-        *refused("no-faces", "no-triangles", {"no-build.3mf": package(model(items=()))}),
-        *stored("strange", {"cube.3mf": package()}),
-    ]
-
-
-def _of_spaces() -> bytes:
-    """900 MB in one."""
-    return package(" " * 900_000_000)
-
-
-def _of_many_members() -> bytes:
-    return package(parts={str(number): "" for number in range(100_000)})
-
-
-def _step() -> list[Hostile]:
-    file = Step()
-    file.product("nothing", [], file.context("millimetre"))
-    long, short = (
-        BOX.replace(b"DATA;\n", b"DATA;\n#9000=%b('/etc/passwd','','',#9001,'','');\n" % entity)
-        for entity in (b"DOCUMENT_FILE", b"DCMFL")
-    )
-    return [
-        *malformed(
-            "cut",
-            {f"cut-{share}.step": BOX[: len(BOX) * share // 100] for share in (1, 10, 50, 84, 99)}
-            | {"prose.step": b"Dear Sir or Madam,\n", "header.stp": b"ISO-10303-21;\nHEADER;\n"},
-        ),
-        *refused("no-faces", "no-triangles", {"nothing.step": file.data()}),
-        *refused(
-            "reference",
-            "external-reference",
-            {"elsewhere.step": long, "elsewhere-short.step": short},
-        ),
-        *stored("strange", {"box.step": BOX}),
-        Hostile("nested", "brackets.step", _brackets, 422, "malformed-mesh", fatal=True),
-    ]
-
-
-def _brackets() -> bytes:
-    """Return brackets in brackets, over which OpenCASCADE overflows its stack."""
-    head = b"ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nENDSEC;\nDATA;\n"
-    return head + b"#1=A" + b"(" * DEEP + b")" * DEEP + b";\nENDSEC;\nEND-ISO-10303-21;\n"
+    },
+    ("xml", "no-triangles"): {f"{name}.obj": text for name, text in DOCUMENTS.items()},
+    ("index-large", "malformed-mesh"): _malformed("index too large", "an index of 4e9", "an index of 1e30"),
+    ("index-negative", "malformed-mesh"): _malformed("a negative index"),
+    ("instances", "malformed-mesh"): _malformed("its own component", "a circle", "a circle across parts"),
+    ("instances", "mesh-too-complex"): {
+        "layers.3mf": lambda: package(model(nested(12), [(12, None)])),
+        "items.3mf": lambda: package(model(items=[(1, None)] * 100_000)),
+        "sheets.3mf": lambda: package(model(SHEET, [(1, None)] * 4_000)),
+    },
+    ("non-finite", "non-finite-coordinates"): {
+        f"{value}.3mf": with_coordinate(value) for value in ("NaN", "inf", "-inf", "1e999")
+    },
+    ("empty", "empty-file"): {"empty.3mf": b"", "empty.step": b""},
+    ("no-faces", "no-triangles"): {"no-build.3mf": package(model(items=())), "nothing.step": NOTHING.data()},
+    ("strange", ""): {"cube.3mf": package(), "box.step": BOX},
+    ("cut", "malformed-mesh"): {
+        **{f"cut-{share}.step": BOX[: len(BOX) * share // 100] for share in (1, 10, 50, 84, 99)},
+        "prose.step": b"Dear Sir or Madam,\n",
+        "header.stp": b"ISO-10303-21;\nHEADER;\n",
+    },
+    ("reference", "external-reference"): {
+        "elsewhere.step": _referring(b"DOCUMENT_FILE"),
+        "elsewhere-short.step": _referring(b"DCMFL"),
+    },
+    ("nested", "malformed-mesh"): {"brackets.step": brackets},
+}

@@ -16,174 +16,117 @@ from tests.core.io.files import (
     ply_header,
     stl,
 )
-from tests.soak.hostile.bodies import CUBE_CORNERS, TRIANGLE
-from tests.soak.hostile.case import Hostile, malformed, refused, stored
+from tests.soak.hostile.every_format import TRIANGLE
 
 MOST = 4_000_000_000
-WIDE = ("list uint int vertex_indices",)
+STL_COUNTS = {"most": 2**32 - 1, "half": 2**31, "one-more": 13, "one-less": 11, "none": 0}
+COUNTS = {"vertices": (MOST, 6), "faces": (8, MOST), "one-more": (8, 7), "one-less": (8, 5)}
+TEXT_COUNTS = {
+    **COUNTS,
+    "both": (MOST, MOST),
+    "long": ("9" * 400, 6),
+    "digits": ("9" * 5000, 6),
+    "negative": (-8, 6),
+    "fraction": (8.5, 6),
+    "few-vertices": (7, 6),
+}
+CORNERS = {"most": b"4000000000", "negative": b"-1", "more": b"5"}
+BINARY_CORNERS = {"most": ("uint", struct.pack("<I", MOST)), "negative": ("int", struct.pack("<i", -3))}
 
 
-def cases() -> list[Hostile]:
-    """All of them."""
-    return [*_counts(), *_large_indices(), *_signed_indices(), *_no_faces(), *_container()]
+def _binary_corners(kind: str, declared: bytes) -> bytes:
+    """Return a triangle in binary PLY that declares another number of corners."""
+    head = ply_header(3, 1, "binary_little_endian", face=(f"list {kind} int vertex_indices",))
+    return head + TRIANGLE.astype("<f4").tobytes() + declared + struct.pack("<3i", 0, 1, 2)
 
 
-def _counts() -> list[Hostile]:
-    corners = TRIANGLE.astype("<f4").tobytes()
-    triangle = struct.pack("<I3i", MOST, 0, 1, 2)
-    return [
-        *malformed(
-            "stl-count",
-            {
-                "count-most.stl": binary_stl(CUBE_CORNERS, count=2**32 - 1),
-                "count-half.stl": binary_stl(CUBE_CORNERS, count=2**31),
-                "count-one-more.stl": binary_stl(CUBE_CORNERS, count=13),
-                "count-one-less.stl": binary_stl(CUBE_CORNERS, count=11),
-                "count-none.stl": binary_stl(CUBE_CORNERS, count=0),
-                "count-solid.stl": binary_stl(CUBE_CORNERS, header=b"solid cube", count=2**32 - 1),
-                "count-header-only.stl": binary_stl([], count=2**32 - 1),
-            },
-        ),
-        *malformed(
-            "binary-count",
-            {
-                "count-vertices.off": off(counts=(MOST, 6, 0)),
-                "count-faces.off": off(counts=(8, MOST, 0)),
-                "count-both.off": off(counts=(MOST, MOST, 0)),
-                "count-long.off": off(counts=("9" * 400, 6, 0)),
-                "count-digits.off": off(counts=("9" * 5000, 6, 0)),
-                "count-negative.off": off(counts=(-8, 6, 0)),
-                "count-fraction.off": off(counts=(8.5, 6, 0)),
-                "count-few-vertices.off": off(counts=(7, 6, 0)),
-                "count-few-faces.off": off(counts=(8, 5, 0)),
-                "count-corners.off": off().replace(b"\n4 ", b"\n4000000000 ", 1),
-                "count-corners-negative.off": off().replace(b"\n4 ", b"\n-4 ", 1),
-                "count-vertices.ply": binary_ply(counts=(MOST, 6)),
-                "count-faces.ply": binary_ply(counts=(8, MOST)),
-                "count-vertices-big-endian.ply": binary_ply(counts=(MOST, 6), order=">"),
-                "count-faces-big-endian.ply": binary_ply(counts=(8, MOST), order=">"),
-                "count-corners.ply": ply_header(3, 1, "binary_little_endian", face=WIDE) + corners + triangle,
-                "count-corners-signed.ply": ply_header(
-                    3, 1, "binary_little_endian", face=("list int int vertex_indices",)
-                )
-                + corners
-                + struct.pack("<i3i", -3, 0, 1, 2),
-                "count-one-more-face.ply": binary_ply(counts=(8, 7)),
-                "count-one-less-face.ply": binary_ply(counts=(8, 5)),
-                "count-other-element.ply": ply_header(
-                    3, 1, "binary_little_endian", more=(f"element junk {MOST}", "property list uchar int x")
-                ),
-            },
-        ),
-        *malformed(
-            "ascii-count",
-            {
-                "count-vertices-ascii.ply": ply(counts=(MOST, 6)),
-                "count-faces-ascii.ply": ply(counts=(8, MOST)),
-                "count-digits-ascii.ply": ply(counts=("9" * 5000, 6)),
-                "count-one-more-ascii.ply": ply(counts=(8, 7)),
-                "count-one-less-ascii.ply": ply(counts=(8, 5)),
-                "count-corners-ascii.ply": ply().replace(b"\n4 ", b"\n4000000000 ", 1),
-                "count-corners-negative-ascii.ply": ply().replace(b"\n4 ", b"\n-1 ", 1),
-                "count-corners-short-ascii.ply": ply().replace(b"\n4 ", b"\n5 ", 1),
-            },
-        ),
-    ]
-
-
-def _large_indices() -> list[Hostile]:
-    files = {}
-    for number in (8, 255, 2**31 - 1):
+def _indices() -> dict[str, bytes]:
+    """Return cubes whose last corner does not exist."""
+    files = {f"index-{number}.glb": glb(indices=[0, 1, number]) for number in (8, 255, 65_535)}
+    for number in (8, 255, 2**31 - 1, 2**31, 2**32, 2**63, 2**64 + 1):
         faces = [*TRIANGLES.tolist()[:11], [0, 1, number]]
         files |= {
-            f"index-{number}.obj": obj(polygons=faces),
-            f"index-{number}.off": off(polygons=faces),
-            f"index-{number}.ply": binary_ply(polygons=faces),
-            f"index-{number}-ascii.ply": ply(polygons=faces),
+            f"index-{number}{end}": write(polygons=faces)
+            for end, write in {".obj": obj, ".off": off, "-ascii.ply": ply, ".ply": binary_ply}.items()
+            if end != ".ply" or number < 2**31
         }
-    for number in (2**31, 2**32, 2**63, 2**64 + 1):
-        faces = [*TRIANGLES.tolist()[:11], [0, 1, number]]
-        files |= {
-            f"index-{number}.obj": obj(polygons=faces),
-            f"index-{number}.off": off(polygons=faces),
-            f"index-{number}-ascii.ply": ply(polygons=faces),
-        }
-    for number in (8, 255, 65_535):
-        files[f"index-{number}.glb"] = glb(indices=[0, 1, number])
-    files["index-polygon.off"] = off(polygons=[*SQUARES.tolist()[:5], [1, 5, 7, 8]])
-    return malformed("index-large", files)
+    return files | {"index-polygon.off": off(polygons=[*SQUARES.tolist()[:5], [1, 5, 7, 8]])}
 
 
-def _signed_indices() -> list[Hostile]:
-    faces = [*TRIANGLES.tolist()[:11], [0, 1, -1]]
-    relative = lines(CUBE, "v ") + lines(TRIANGLES - 8, "f ")
-    return [
-        *malformed(
-            "index-negative",
-            {
-                "negative.off": off(polygons=faces),
-                "negative.ply": binary_ply(polygons=faces),
-                "negative-big-endian.ply": binary_ply(polygons=faces, order=">"),
-                "negative-ascii.ply": ply(polygons=faces),
-                "negative-far.off": off(polygons=[[0, 1, -(2**31)], *TRIANGLES.tolist()]),
-                "negative-past-the-first.obj": obj() + b"f -9 -1 -2\n",
-                "negative-before-any.obj": b"f -1 -2 -3\n" + obj(),
-            },
+VERTICES = lines(CUBE, "v ").encode()
+NEGATIVE = [*TRIANGLES.tolist()[:11], [0, 1, -1]]
+PAIRS = [[0, 1], [2, 3]]
+FACET = stl(CUBE[TRIANGLES][:1]).partition(b"\n")[2].rpartition(b"endsolid")[0]
+THREE = lines(TRIANGLE, "v ").encode()
+NO_FACES = ply_header(8, 0).partition(b"element face")[0] + b"end_header\n" + lines(CUBE).encode()
+
+CASES = {
+    ("stl-count", "malformed-mesh"): {
+        **{f"count-{n}.stl": binary_stl(CUBE[TRIANGLES], count=count) for n, count in STL_COUNTS.items()},
+        "count-solid.stl": binary_stl(CUBE[TRIANGLES], header=b"solid cube", count=2**32 - 1),
+        "count-header-only.stl": binary_stl([], count=2**32 - 1),
+    },
+    ("binary-count", "malformed-mesh"): {
+        **{f"count-{name}.off": off(counts=(*counts, 0)) for name, counts in TEXT_COUNTS.items()},
+        **{f"count-{name}.ply": binary_ply(counts=counts) for name, counts in COUNTS.items()},
+        **{f"count-{name}-big-endian.ply": binary_ply(counts=c, order=">") for name, c in COUNTS.items()},
+        **{f"corners-{name}.off": off().replace(b"\n4 ", b"\n%b " % n, 1) for name, n in CORNERS.items()},
+        **{f"corners-{name}.ply": _binary_corners(*declared) for name, declared in BINARY_CORNERS.items()},
+        "count-other-element.ply": ply_header(
+            3, 1, "binary_little_endian", more=(f"element junk {MOST}", "property list uchar int x")
         ),
-        *stored(
-            "index-negative",
-            {"relative.obj": relative.encode(), "relative-textured.obj": obj() + b"f -1/-1/-1 -2/1 -3//2\n"},
-        ),
-        *malformed(
-            "index-zero",
-            {
-                "zero.obj": obj() + b"f 0 1 2\n",
-                "zero-last.obj": obj() + b"f 1 2 0\n",
-                "zero-textured.obj": obj() + b"f 0/1/1 1/1/1 2/1/1\n",
-                "zero-alone.obj": lines(CUBE, "v ").encode() + lines(TRIANGLES, "f ").encode(),
-                "zero-minus.obj": obj() + b"f -0 1 2\n",
-            },
-        ),
-    ]
-
-
-def _no_faces() -> list[Hostile]:
-    vertices = lines(CUBE, "v ").encode()
-    lone = ply_header(8, 0, face=("list uchar int vertex_indices",)).partition(b"element face")[0]
-    return refused(
-        "no-faces",
-        "no-triangles",
-        {
-            "none.stl": binary_stl([]),
-            "none-ascii.stl": stl([]),
-            "cloud.obj": vertices,
-            "lines.obj": vertices + b"l 1 2 3 4\np 5\n",
-            "pairs.obj": vertices + b"f 1 2\nf 3 4\n",
-            "cloud.off": off(polygons=[]),
-            "pairs.off": off(polygons=[[0, 1], [2, 3], [4]]),
-            "cloud.ply": binary_ply(polygons=[]),
-            "cloud-ascii.ply": ply(polygons=[]),
-            "cloud-no-element.ply": lone + b"end_header\n" + lines(CUBE).encode(),
-            "pairs.ply": binary_ply(polygons=[[0, 1], [2, 3]]),
-            "nothing.ply": ply(vertices=[], polygons=[]),
-            "nothing.off": b"OFF\n0 0 0\n",
-            "comments.obj": b"# nothing but this\n" * 100,
+    },
+    ("ascii-count", "malformed-mesh"): {
+        **{f"count-{name}-ascii.ply": ply(counts=counts) for name, counts in TEXT_COUNTS.items()},
+        **{
+            f"corners-{name}-ascii.ply": ply().replace(b"\n4 ", b"\n%b " % n, 1)
+            for name, n in CORNERS.items()
         },
-    )
-
-
-def _container() -> list[Hostile]:
-    facet = stl(CUBE_CORNERS[:1]).partition(b"\n")[2].rpartition(b"endsolid")[0]
-    groups = lines(TRIANGLE, "v ").encode()
-    return refused(
-        "parts",
-        "mesh-too-complex",
-        {
-            "solids-8000.stl": lambda: (b"solid a\n" + facet + b"endsolid a\n") * 8_000,
-            "solids-40000.stl": lambda: (b"solid a\n" + facet + b"endsolid a\n") * 40_000,
-            "solids-empty.stl": lambda: b"solid\nendsolid\n" * 40_000,
-            "groups.obj": lambda: groups + b"g a\nf 1 2 3\n" * 20_000,
-            "objects.obj": lambda: groups + b"o a\nf 1 2 3\n" * 20_000,
-            "materials.obj": lambda: groups + b"usemtl a\nf 1 2 3\n" * 20_000,
+    },
+    ("index-large", "malformed-mesh"): _indices(),
+    ("index-negative", "malformed-mesh"): {
+        "negative.off": off(polygons=NEGATIVE),
+        "negative.ply": binary_ply(polygons=NEGATIVE),
+        "negative-big-endian.ply": binary_ply(polygons=NEGATIVE, order=">"),
+        "negative-ascii.ply": ply(polygons=NEGATIVE),
+        "negative-far.off": off(polygons=[[0, 1, -(2**31)], *TRIANGLES.tolist()]),
+        "negative-past-the-first.obj": obj() + b"f -9 -1 -2\n",
+        "negative-before-any.obj": b"f -1 -2 -3\n" + obj(),
+    },
+    ("index-negative", ""): {
+        "relative.obj": VERTICES + lines(TRIANGLES - 8, "f ").encode(),
+        "relative-textured.obj": obj() + b"f -1/-1/-1 -2/1 -3//2\n",
+    },
+    ("index-zero", "malformed-mesh"): {
+        "zero.obj": obj() + b"f 0 1 2\n",
+        "zero-last.obj": obj() + b"f 1 2 0\n",
+        "zero-textured.obj": obj() + b"f 0/1/1 1/1/1 2/1/1\n",
+        "zero-alone.obj": VERTICES + lines(TRIANGLES, "f ").encode(),
+        "zero-minus.obj": obj() + b"f -0 1 2\n",
+    },
+    ("no-faces", "no-triangles"): {
+        "none.stl": binary_stl([]),
+        "none-ascii.stl": stl([]),
+        "cloud.obj": VERTICES,
+        "lines.obj": VERTICES + b"l 1 2 3 4\np 5\n",
+        "pairs.obj": obj(polygons=PAIRS),
+        "cloud.off": off(polygons=[]),
+        "pairs.off": off(polygons=[*PAIRS, [4]]),
+        "cloud.ply": binary_ply(polygons=[]),
+        "cloud-ascii.ply": ply(polygons=[]),
+        "cloud-no-element.ply": NO_FACES,
+        "pairs.ply": binary_ply(polygons=PAIRS),
+        "nothing.ply": ply(vertices=[], polygons=[]),
+        "nothing.off": b"OFF\n0 0 0\n",
+        "comments.obj": b"# nothing but this\n" * 100,
+    },
+    ("parts", "mesh-too-complex"): {
+        "solids-8000.stl": (b"solid a\n" + FACET + b"endsolid a\n") * 8_000,
+        "solids-40000.stl": lambda: (b"solid a\n" + FACET + b"endsolid a\n") * 40_000,
+        "solids-empty.stl": b"solid\nendsolid\n" * 40_000,
+        **{
+            f"{word}.obj": THREE + b"%b a\nf 1 2 3\n" % word.encode() * 20_000
+            for word in ("g", "o", "usemtl")
         },
-    )
+    },
+}

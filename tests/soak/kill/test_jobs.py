@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,54 +11,66 @@ import httpx
 
 from service.storage.checking import check
 from tests.service.archives import opened
-from tests.service.jobs.support import begun, ended, events, files, has_stored, job, pack
+from tests.service.jobs.support import begun, ended, events, files, has_stored, pack
 from tests.service.processes import server
 from tests.service.support import small_file, wait_until
 
 GOOD = {f"{number}.off": small_file(number) for number in range(16)}
-BAD = {
-    "cut.off": (GOOD["0.off"][:900], "malformed-mesh"),
-    "empty.ply": (b"", "empty-file"),
-    "../x.off": (GOOD["1.off"], "member-name"),
-    "notes.txt": (b"x", "unknown-format"),
-    "words.stl": (b"no mesh", "malformed-mesh"),
-}
 
 
-def mixed() -> dict[str, bytes]:
-    """The good files with a bad one after every third."""
-    found: dict[str, bytes] = {}
-    bad = iter(BAD)
-    for number, (name, data) in enumerate(GOOD.items()):
-        found[name] = data
-        if number % 3 == 0 and number // 3 < len(BAD):
-            path = next(bad)
-            found[path] = BAD[path][0]
-    assert len(found) == len(GOOD) + len(BAD)
-    return found
+def broken(whole: bytes) -> dict[str, tuple[bytes, str]]:
+    """Files that are refused, each with why it is, by a sound OFF."""
+    return {
+        "broken/half.off": (whole[: len(whole) // 2], "malformed-mesh"),
+        "broken/empty.ply": (b"", "empty-file"),
+        "broken/nan.off": (b"OFF\n3 1 0\n0 0 nan\n1 0 0\n0 1 0\n3 0 1 2\n", "non-finite-coordinates"),
+        "broken/points.off": (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "no-triangles"),
+        "broken/notes.txt": (b"x", "unknown-format"),
+        "../outside.off": (whole, "member-name"),
+    }
 
 
-def assert_all_there(client: httpx.Client, folder: Path, job_id: str) -> None:
+BAD = broken(GOOD["0.off"])
+
+
+def mixed(good: Mapping[str, bytes], bad: Mapping[str, tuple[bytes, str]]) -> bytes:
+    """A zip of all, the bad files spread among the good ones."""
+    paths = list(good)
+    for place, path in enumerate(bad):
+        paths.insert((place + 1) * len(good) // (len(bad) + 1) + place, path)
+    return pack({path: good[path] if path in good else bad[path][0] for path in paths})
+
+
+def assert_all_there(
+    client: httpx.Client,
+    folder: Path,
+    job_id: str,
+    good: Mapping[str, bytes] = GOOD,
+    bad: Mapping[str, tuple[bytes, str]] = BAD,
+    seconds: float = 300,
+) -> None:
     """Every good file is stored once and named by its outcome, every bad one refused with its cause."""
-    done = job(client, job_id)
+    done = ended(client, job_id, seconds)
     assert done["state"] == "done"
-    assert done["counts"] == {"files": 21, "waiting": 0, "stored": 16, "present": 0, "refused": 5}
+    counts = {"waiting": 0, "stored": len(good), "present": 0, "refused": len(bad)}
+    assert done["counts"] == {"files": len(good) + len(bad), **counts}
     shapes = client.get("/shapes", params={"limit": 500}).json()["shapes"]
-    by_id = {shape["id"]: shape["name"] for shape in shapes}
-    assert sorted(by_id.values()) == sorted(GOOD)
-    told: dict[str, Any] = {}
+    names = {shape["id"]: shape["name"] for shape in shapes}
+    causes = {}
     for file in files(client, job_id):
-        cause = file["problem"] and file["problem"]["type"].rpartition(":")[2]
-        told[file["path"]] = by_id.get(file["shape_id"], cause)
-    assert told == {**{name: name for name in GOOD}, **{path: kind for path, (_, kind) in BAD.items()}}
-    for shape_id, name in by_id.items():
-        assert client.get(f"/shapes/{shape_id}/file").content == GOOD[name]
+        if file["outcome"] == "stored":
+            assert names.pop(file["shape_id"]) == Path(file["path"]).name
+            assert client.get(f"/shapes/{file['shape_id']}/file").content == good[file["path"]]
+        else:
+            causes[file["path"]] = file["problem"]["type"].rpartition(":")[2]
+    assert names == {}
+    assert causes == {path: kind for path, (_, kind) in bad.items()}
     assert check(folder / "archive.sqlite3", lock_seconds=10).faults == []
 
 
 def test_a_job_of_a_service_that_is_killed_again_and_again_and_then_asked_to_stop(tmp_path: Path) -> None:
     with server(tmp_path) as (process, client):
-        job_id = begun(client, pack(mixed()))
+        job_id = begun(client, mixed(GOOD, BAD))
         # Acknowledged, so it is there whatever happens next.
         process.send_signal(signal.SIGKILL)
         process.wait()
@@ -88,15 +101,13 @@ def test_a_job_of_a_service_that_is_killed_again_and_again_and_then_asked_to_sto
     assert {name for _, name, _ in told} == {"progress"}
     assert '"level": "error"' not in (tmp_path / "log.txt").read_text()
     with server(tmp_path) as (_, client):
-        ended(client, job_id)
         assert_all_there(client, tmp_path, job_id)
 
 
 def test_a_service_takes_over_the_job_of_another_that_died(tmp_path: Path) -> None:
     with server(tmp_path) as (process, one), server(tmp_path, shared=True) as (_, other):
-        job_id = begun(one, pack(mixed()))
+        job_id = begun(one, mixed(GOOD, BAD))
         wait_until(partial(has_stored, other, job_id, 2), seconds=300)
         process.send_signal(signal.SIGKILL)
         process.wait()
-        ended(other, job_id)
         assert_all_there(other, tmp_path, job_id)

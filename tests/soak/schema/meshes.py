@@ -37,8 +37,12 @@ def register() -> None:
     schemathesis.openapi.format(CURSOR, st.integers(0, 5).map(write_cursor))
 
 
-def mark(document: dict[str, Any]) -> None:
-    """Say in the document which texts are meshes, archives and cursors."""
+def narrow(document: dict[str, Any]) -> None:
+    """Say which texts are meshes, archives and cursors, and have requests name the collection that is there.
+
+    Other names of collections are 404, and two that differ refused. No link leads from a repeated upload:
+    another request may have deleted that shape.
+    """
     for path, operations in document["paths"].items():
         for operation in operations.values():
             content = operation.get("requestBody", {}).get("content", {})
@@ -48,19 +52,8 @@ def mark(document: dict[str, Any]) -> None:
             for parameter in operation.get("parameters", []):
                 if parameter["name"] == "cursor":
                     parameter["schema"] = {"type": "string", "format": CURSOR}
-
-
-def stay_in_one_collection(document: dict[str, Any]) -> None:
-    """Have requests name the collection that is there: other names are 404, and two that differ refused."""
-    for operations in document["paths"].values():
-        for operation in operations.values():
-            for parameter in operation.get("parameters", []):
-                if parameter["name"] in {HEADER, PARAMETER}:
+                elif parameter["name"] in {HEADER, PARAMETER}:
                     parameter["schema"] = {"type": "string", "enum": [DEFAULT_COLLECTION.name]}
-
-
-def forget_repetitions(document: dict[str, Any]) -> None:
-    """Leave out where the answer to a repeated upload leads: another request may have deleted that shape."""
     del document["paths"]["/shapes"]["post"]["responses"]["200"]["links"]
 
 

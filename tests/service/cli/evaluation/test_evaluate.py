@@ -25,8 +25,8 @@ from service.evaluation.pairwise_scores import embed_files, pair_densities, scor
 from service.evaluation.retrieval import spread
 from service.index.density_samples import SAMPLE, sampled
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
+from tests.service.processes import runs
 from tests.service.support import wait_until
-from tests.soak.kill.cycles import runs
 
 KEYS = [
     "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",

@@ -1,42 +1,42 @@
-"""Real files of every format, and seeded changes to them."""
+"""Sound files of every format, and seeded changes to them."""
 
 import re
 import struct
-from collections.abc import Callable, Iterator
+import zipfile
 from functools import cache
 
 import numpy as np
-from numpy.random import Generator
 
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import binary_ply, glb, obj, off, ply, stl
+from tests.core.io.files import CUBE, PLAIN, SQUARES, binary_ply, glb, obj, off, ply, stl
+from tests.core.io.threemf_files import package
 
 SHAPES = {"cup": 300, "octopus": 500, "pliers": 400}
 """Kinds of the gallery, and about how many vertices each has: few, so that many can be embedded."""
 
-_NUMBER = re.compile(rb"(?<![\w.+-])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w.])")
-_WORDS = [
+NUMBER = re.compile(rb"(?<![\w.+-])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?![\w.])")
+WORDS = [
     *(b"nan", b"inf", b"-inf", b"1e999", b"-1e999", b"1e308", b"1e-320", b"1e31", b"0", b"-0", b"-1", b"1"),
     *(b"3", b"255", b"65536", b"2147483648", b"4294967295", b"-4294967296", b"99999999999999999999", b""),
-    *(b"0x1", b"1_0", b"1,5", b"--1", b"1.5.2", b"+", b"x", b"#", b"\\", b"/", b"1/0/0", b"\n", b"\0"),
+    *(b"0x1", b"1_0", b"1,5", b"--1", b"1.5.2", b"+", b"x", b"#", b"\\\n", b"/", b"1/0/0", b"\n", b"\0"),
+    *(b"[", b"}", b'"', b"solid", b"f "),
 ]
-_FOUR_BYTES = [
+FOUR_BYTES = [
     *(struct.pack("<f", value) for value in (np.nan, np.inf, -np.inf, 3.4e38, -3.4e38, 1e-40, 0.0, 1e31)),
     *(struct.pack("<i", value) for value in (-1, -(2**31), 2**31 - 1, 0, 1, 255, 65_535, 65_536)),
 ]
 
 
 @cache
-def sources() -> tuple[tuple[str, bytes], ...]:
-    """Real files: each a format, and bytes. Every gallery shape in every format, binary and text."""
+def sources():
+    """Every shape in every format, binary and text: each a format, and bytes."""
     files = []
     for label, size in SHAPES.items():
         mesh = make_body(label, vertices=size).rest
         vertices, faces = np.round(mesh.vertices, 5), mesh.faces
-        plain = Mesh(vertices, faces)
-        files += [(format, write_mesh(plain, format)) for format in ("stl", "obj", "off", "ply", "glb")]
+        files += [(format, write_mesh(Mesh(vertices, faces), format)) for format in PLAIN]
         files += [
             ("stl", stl(vertices[faces], name=label)),
             ("ply", ply(vertices, faces)),
@@ -48,41 +48,42 @@ def sources() -> tuple[tuple[str, bytes], ...]:
     return tuple(files)
 
 
-def mutations(seed: int) -> Iterator[tuple[str, bytes]]:
-    """Changed files without end, no two of the same format and bytes: each a format, and bytes."""
-    seen: set[tuple[str, bytes]] = set()
-    number = 0
-    while True:
-        changed = mutation(seed, number)
-        number += 1
-        if changed not in seen:
-            seen.add(changed)
-            yield changed
+@cache
+def small_sources():
+    """Small files of more kinds, of squares and in packages among them."""
+    return (
+        ("3mf", package()),
+        ("3mf", package(method=zipfile.ZIP_STORED)),
+        ("stl", stl(CUBE[SQUARES[:, :3]])),
+        ("obj", obj()),
+        ("off", off()),
+        ("ply", ply()),
+        ("ply", binary_ply(CUBE, [*SQUARES, [0, 1, 2]])),
+        ("glb", glb(nodes=[{"children": [1], "scale": [1, 2, 3]}, {"mesh": 0, "translation": [1, 0, 0]}])),
+    )
 
 
-def mutation(seed: int, number: int) -> tuple[str, bytes]:
-    """One of the changed files: mostly one change, sometimes up to three, of kinds drawn anew each time."""
-    files = sources()
+def mutation(files, seed, number):
+    """One of some files with mostly one change, sometimes up to three, of kinds drawn anew each time."""
     rng = np.random.default_rng([seed, number])
     format, data = files[number % len(files)]
     for _ in range(int(rng.choice([1, 1, 1, 2, 3]))):
-        kind = _KINDS[int(rng.integers(len(_KINDS)))]
-        data = kind(data, rng)
+        data = KINDS[int(rng.integers(len(KINDS)))](data, rng)
     return format, data
 
 
-def _flip_bits(data: bytes, rng: Generator) -> bytes:
+def flip_bits(data, rng):
     changed = bytearray(data)
     for _ in range(int(rng.integers(1, 5)) if data else 0):
         changed[_place(len(data), rng)] ^= 1 << int(rng.integers(8))
     return bytes(changed)
 
 
-def _truncate(data: bytes, rng: Generator) -> bytes:
+def truncate(data, rng):
     return data[: int(rng.integers(0, len(data) + 1))]
 
 
-def _splice(data: bytes, rng: Generator) -> bytes:
+def splice(data, rng):
     """A piece of another file, or of this one, in place of a piece."""
     files = sources()
     other = data if rng.random() < 0.5 else files[int(rng.integers(len(files)))][1]
@@ -91,25 +92,26 @@ def _splice(data: bytes, rng: Generator) -> bytes:
     return data[:at] + other[start : start + length] + data[at + gone :]
 
 
-def _edit_number(data: bytes, rng: Generator) -> bytes:
+def edit_number(data, rng):
     """A word that is no number, or one that stands elsewhere, for a number; in binary, other four bytes."""
     at = _place(len(data) + 1, rng)
-    found = _NUMBER.search(data, at) if b"\0" not in data else None
+    found = NUMBER.search(data, at) if b"\0" not in data else None
     if found is None:
         at -= at % 4
-        return data[:at] + _FOUR_BYTES[int(rng.integers(len(_FOUR_BYTES)))] + data[at + 4 :]
-    other = _NUMBER.search(data, _place(len(data) + 1, rng)) or found
-    word = other[0] if rng.random() < 0.5 else _WORDS[int(rng.integers(len(_WORDS)))]
+        return data[:at] + FOUR_BYTES[int(rng.integers(len(FOUR_BYTES)))] + data[at + 4 :]
+    other = NUMBER.search(data, _place(len(data) + 1, rng)) or found
+    word = other[0] if rng.random() < 0.5 else WORDS[int(rng.integers(len(WORDS)))]
     return data[: found.start()] + word + data[found.end() :]
 
 
-def _place(length: int, rng: Generator) -> int:
+def insert_word(data, rng):
+    at = _place(len(data) + 1, rng)
+    return data[:at] + WORDS[int(rng.integers(len(WORDS)))] + data[at + int(rng.integers(9)) :]
+
+
+def _place(length, rng):
     """Where to change something: the head of a file decides most, so that one change in five is there."""
     return int(rng.integers(min(length, 600) if rng.random() < 0.2 else length)) if length else 0
 
 
-_KINDS: list[Callable[[bytes, Generator], bytes]] = [
-    *(_flip_bits, _flip_bits),
-    *(_truncate, _splice),
-    *(_edit_number, _edit_number, _edit_number),
-]
+KINDS = [flip_bits, flip_bits, truncate, splice, insert_word, edit_number, edit_number, edit_number]
