@@ -28,6 +28,30 @@ def icosphere(subdivisions=3, radius=1.0):
     return mesh_of(trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius))
 
 
+def area(mesh):
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def volume(mesh):
+    """The divergence theorem over outward triangles."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def prism(sides, height, *, radii=(1.0,)):
+    """A prism without lids; its corners have these distances from the axis, in turn."""
+    angles = 2.0 * np.pi * np.arange(sides) / sides
+    rim = np.resize(radii, sides)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    low = np.arange(sides)
+    up = np.roll(low, -1)
+    faces = [(low, up, up + sides), (low, up + sides, low + sides)]
+    return Mesh(
+        np.concatenate([np.c_[rim, np.zeros(sides)], np.c_[rim, np.full(sides, height)]]),
+        np.concatenate([np.stack(corners, axis=1) for corners in faces]),
+    )
+
+
 def rectangle(width, height, columns, rows):
     """A flat sheet in the plane z = 0, of columns x rows cells with two triangles each."""
     x, y = np.meshgrid(np.linspace(0, width, columns + 1), np.linspace(0, height, rows + 1))

@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 
 from core import sparse_embedding
-from core.errors import CannotBeEmbeddedError, CoreError, DegenerateMeshError
+from core.errors import CannotBeEmbeddedError, DegenerateMeshError
 from core.gallery import make_shape
-from core.graph.bridges import bridges
 from core.mesh import ordering
-from core.mesh.mesh import Mesh
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from tests.core.damaged import DAMAGES, touching_boxes
-from tests.core.shapes import blob, box, icosphere, loose_parts
+from tests.core.shapes import blob, box, loose_parts
 
 SOUND = {
     "blob": lambda: blob(0, 2),
@@ -41,14 +39,6 @@ def test_the_papers_method_does_so_too(damage):
     pipeline = Pipeline(PAPER)
     one, other = pipeline.embed(mesh), pipeline.embed(DAMAGES[damage](mesh, np.random.default_rng(0)))
     assert np.isfinite(pipeline.score(one, [one, other]).cc).all()
-
-
-def test_pieces_at_one_place_are_bridged():
-    """Gaps of zero between many pieces, some of which coincide."""
-    mesh = touching_boxes(40)
-    labels = np.repeat(np.arange(40), 8)
-    with np.errstate(divide="raise", invalid="raise", over="raise"):
-        assert len(bridges(mesh.vertices, labels)) == 39
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 3, 40])
@@ -101,10 +91,3 @@ def test_expected_errors_keep_their_names(monkeypatch, error):
 def test_no_fault_of_arithmetic_passes(operation):
     with pytest.raises(CannotBeEmbeddedError), guarded():
         operation()
-
-
-def test_a_mesh_of_one_point_has_its_own_error():
-    mesh = icosphere(1)
-    with pytest.raises(CoreError) as caught:
-        Pipeline(DEFAULT).embed(Mesh(np.zeros_like(mesh.vertices), mesh.faces))
-    assert caught.value.kind == "degenerate-mesh"

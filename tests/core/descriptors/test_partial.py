@@ -40,6 +40,7 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from tests.core.shapes import box, prism
 from tests.studies.perturbation import make_soup
 
 PIPELINE = Pipeline(DEFAULT)
@@ -139,10 +140,7 @@ def test_the_chance_of_a_part_is_the_same_both_ways_and_its_whole_is_the_likelie
 
 def test_a_coarse_mesh_and_a_fine_one_of_the_same_box_are_alike() -> None:
     """Corners of a coarse mesh are no noise: smoothing would make a blob of it."""
-    corners = np.array([[x, y, z] for x in (0.0, 3.0) for y in (0.0, 1.0) for z in (0.0, 0.6)])
-    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3), (4, 6, 7, 5)]
-    coarse = Mesh(corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]))
-    fine = coarse
+    fine = coarse = box(3.0, 1.0, 0.6)
     for _ in range(5):
         fine = subdivide(fine, 1.0, 0)
     first, second = PIPELINE.embed(coarse), PIPELINE.embed(fine)
@@ -233,21 +231,14 @@ def test_balls_that_reach_beyond_the_rim_do_not_count() -> None:
 
 
 def test_where_nearly_all_is_rim_all_balls_count() -> None:
-    count = 1000
-    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
-    ring = np.stack([np.cos(around), np.sin(around), 0.0 * around], axis=1)
-    i, j = np.arange(count), (np.arange(count) + 1) % count
-    faces = np.concatenate([np.stack([i, j, count + i], 1), np.stack([j, count + j, count + i], 1)])
-    strip = Mesh(np.concatenate([ring, ring + np.array([0.0, 0.0, 0.01])]), faces)
-    assert part(strip)[:, SPIN_IMAGE_LENGTH:].all()
+    assert part(prism(1000, 0.01))[:, SPIN_IMAGE_LENGTH:].all()
 
 
 def test_long_open_edges_are_rim_all_along() -> None:
     """A box of 8 vertices without one end."""
-    corners = np.array([[x, y, z] for x in (0.0, 2.1) for y in (0.0, 1.0) for z in (0.0, 0.6)])
-    quads = [(0, 1, 3, 2), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
-    surface = clean(Mesh(corners, faces)).mesh
+    whole = box(2.1, 1.0, 0.6)
+    at_end = (whole.vertices[whole.faces][:, :, 0] > 1.0).all(axis=1)
+    surface = clean(Mesh(whole.vertices, whole.faces[~at_end])).mesh
     found, counts = spin_images(surface), describe_part(surface)[:KEYPOINTS, SPIN_IMAGE_LENGTH:]
     away = _from_rim(surface, found.points)
     for ball, radius in enumerate(RADII):

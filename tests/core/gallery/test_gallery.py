@@ -26,6 +26,7 @@ from core.gallery.solids import (
     tube,
 )
 from core.gallery.surface import genus, smooth_minimum, surface
+from tests.core.shapes import as_trimesh
 
 POSES = 5
 # Handles by what the things are: a cup has one, an empty pair of spectacles a loop for each eye.
@@ -35,10 +36,6 @@ GENUS = dict.fromkeys(CLASSES, 0) | {"cup": 1, "glasses": 2}
 @pytest.fixture(scope="module")
 def gallery():
     return {label: [make_shape(label, pose) for pose in range(POSES)] for label in CLASSES}
-
-
-def as_trimesh(mesh):
-    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
 
 
 @pytest.mark.parametrize("label", CLASSES)

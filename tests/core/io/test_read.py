@@ -21,19 +21,9 @@ from core.errors import (
 from core.io import FORMATS, Format, Limits, format_of, read_mesh, readable, writable, write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, PLAIN, TRIANGLES
+from tests.core.shapes import area, volume
 
 EXACT = ("obj", "off")
-
-
-def area(mesh):
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-
-
-def volume(mesh):
-    """The divergence theorem over outward triangles."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
 
 
 def sphere(subdivisions=3, scale=1.0):

@@ -26,17 +26,13 @@ from tests.core.io.step_files import (
     step_machine,
     step_sphere,
 )
+from tests.core.shapes import area
 
 BOX = step_box()
 
 
 def extent(mesh):
     return np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-
-
-def area(mesh):
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
 
 @pytest.mark.parametrize(("unit", "size"), [("millimetre", 1), ("metre", 1e3)])

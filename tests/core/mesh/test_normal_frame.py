@@ -14,6 +14,7 @@ from tests.core.shapes import (
     box,
     icosphere,
     joined,
+    prism,
     rectangle,
     scaled,
     shifted,
@@ -26,21 +27,6 @@ from tests.core.shapes import (
 def normalised(mesh):
     mesh = clean(mesh).mesh
     return normal_frame(mesh).apply(mesh.vertices)
-
-
-def prism(sides, height, *, radii=(1.0,)):
-    """A prism without lids; its corners have these distances from the axis, in turn."""
-    angles = 2.0 * np.pi * np.arange(sides) / sides
-    rim = np.resize(radii, sides)[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    vertices = np.concatenate([np.c_[rim, np.zeros(sides)], np.c_[rim, np.full(sides, height)]])
-    low = np.arange(sides)
-    up = np.roll(low, -1)
-    return Mesh(
-        vertices,
-        np.concatenate(
-            [np.stack([low, up, up + sides], axis=1), np.stack([low, up + sides, low + sides], axis=1)]
-        ),
-    )
 
 
 def midpoint_second_moments(mesh):
@@ -223,12 +209,19 @@ def test_a_turned_block_has_its_own_extents(extents, seed):
     assert bounding_box(subdivided(mesh)) == pytest.approx(extents, rel=1e-6)
 
 
-def test_a_sheet_has_no_height():
-    assert bounding_box(turned(rectangle(3.0, 3.0, 5, 7), 1)) == pytest.approx((3.0, 3.0, 0.0), abs=1e-9)
-
-
-def test_a_ball_is_as_wide_as_its_diameter():
-    assert bounding_box(turned(icosphere(4, 2.5), 3)) == pytest.approx((5.0, 5.0, 5.0), rel=0.01)
+@pytest.mark.parametrize(
+    ("mesh", "extents", "error"),
+    [
+        pytest.param(turned(rectangle(3.0, 3.0, 5, 7), 1), (3.0, 3.0, 0.0), 1e-9, id="sheet"),
+        pytest.param(turned(icosphere(4, 2.5), 3), (5.0, 5.0, 5.0), 0.05, id="ball"),
+        pytest.param(
+            Mesh([*box(3, 2, 1).vertices, [100, 0, 0]], box(3, 2, 1).faces), (3, 2, 1), 1e-6, id="lone vertex"
+        ),
+        pytest.param(Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0]], [[0, 1, 2]]), (1, 0, 0), 1e-6, id="sliver"),
+    ],
+)
+def test_a_shape_of_known_extents_has_them(mesh, extents, error):
+    assert bounding_box(mesh) == pytest.approx(extents, abs=error)
 
 
 def test_a_body_without_ties_is_measured_along_its_eigenvectors():
@@ -251,19 +244,8 @@ def test_the_box_belongs_to_the_shape(change):
     assert bounding_box(SAME_SHAPE[change](mesh)) == pytest.approx(wanted, rel=1e-6)
 
 
-def test_vertices_without_faces_do_not_count():
-    mesh = box(3.0, 2.0, 1.0)
-    lone = Mesh(np.vstack([mesh.vertices, [[100.0, 0.0, 0.0]]]), mesh.faces)
-    assert bounding_box(lone) == pytest.approx((3.0, 2.0, 1.0))
-
-
 @pytest.mark.parametrize("factor", [1e-20, 1e20])
 def test_sizes_of_any_magnitude_are_measured(factor):
     assert bounding_box(turned(box(3 * factor, 2 * factor, factor), 5)) == pytest.approx(
         (3 * factor, 2 * factor, factor), rel=1e-6
     )
-
-
-def test_a_sliver_on_a_line_has_a_box():
-    sliver = Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0]], [[0, 1, 2]])
-    assert bounding_box(sliver) == pytest.approx((1.0, 0.0, 0.0), abs=1e-6)

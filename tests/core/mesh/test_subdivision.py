@@ -9,6 +9,7 @@ from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from core.mesh.subdivision import refine, split_faces, split_long_edges
 from tests.core.shapes import (
+    area,
     as_trimesh,
     blob,
     box,
@@ -30,10 +31,6 @@ CLOSED = {
 OPEN = {"sheet": rectangle(3, 1, 2, 1), "three sheets": folded(), "soup": soup(icosphere(1))}
 NEEDLE = Mesh([[0, 0, 0], [100, 0, 0], [0, 0.01, 0]], [[0, 1, 2]])
 ALL = {**CLOSED, **OPEN, "needle": NEEDLE}
-
-
-def area(mesh):
-    return face_areas(mesh.vertices, mesh.faces).sum()
 
 
 def edge_lengths(mesh):

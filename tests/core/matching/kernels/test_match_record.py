@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from core.matching.kernels.match_record import ONE, decoded, dequantised, encoded
+from core.matching.kernels.match_record import decoded, encoded
 from core.matching.match_records import embedding_key, score_match_records
 from core.matching.procrustes import ProcrustesMatcher
 from core.parameters import DEFAULT
@@ -41,12 +41,6 @@ def test_a_match_record_holds_the_whole_shape(k, m, d, blocks):
 
 def test_the_match_record_of_a_full_shape_is_less_than_100_000_bytes():
     assert encoded(random_record(1, 100, 500, K, 2)).nbytes < 100_000
-
-
-def test_a_quantised_spline_is_dequantised():
-    whole = np.random.default_rng(1).integers(-ONE, ONE + 1, size=(30, 30)).astype(np.int16)
-    assert dequantised(whole).dtype == np.float32
-    assert dequantised(whole) == pytest.approx(whole / ONE, abs=1e-7)
 
 
 def test_many_are_matched_as_one_by_one_whichever_is_the_query(prepared):

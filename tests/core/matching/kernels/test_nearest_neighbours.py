@@ -9,7 +9,6 @@ from core.matching.kernels.nearest_neighbours import (
     nearest_both_ways,
     nearest_columns,
     nearest_member,
-    squared_length,
 )
 from tests.core.matching.clouds import cloud
 from tests.core.matching.reference import (
@@ -103,13 +102,6 @@ def test_the_first_of_equally_close_members_is_taken():
     ends = np.float32([[0, 0, 0], [1, 1, 1]])
     assert nearest_member(points, members, 0, 4, ends, 0) == 4
     assert nearest_member(points, members, 1, 4, ends, 1) == 2
-
-
-@pytest.mark.parametrize("k", [1, 3, 4, 7, 20, 24])
-def test_the_square_of_a_row_is_the_plain_one(k):
-    points = random_cloud(k, 10, k)
-    found = [squared_length(points, row) for row in range(10)]
-    assert found == pytest.approx((points.astype(np.float64) ** 2).sum(axis=1), rel=1e-6)
 
 
 def cross_products(points, partners, sources, targets, blocks):
