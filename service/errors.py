@@ -1,7 +1,9 @@
 """The errors of the service, and the table of problems with which they are answered."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+from pydantic import Field
 
 CHALLENGE = 'Bearer realm="isoshape"'
 
@@ -22,26 +24,32 @@ class ExpectedError(Exception):
 
 
 class ServiceError(Exception):
-    """Base class of the service's errors; `kind` is a key of `PROBLEMS`, `retry_after` in seconds."""
+    """Base class of the service's errors.
+
+    Attributes
+    ----------
+    kind : str
+        A key of `PROBLEMS`.
+    retry_after : int or None
+        Seconds, for the header Retry-After.
+    challenge : str or None
+        The header WWW-Authenticate (RFC 6750).
+    """
 
     kind: str = "internal-error"
     retry_after: int | None = None
+    challenge: str | None = None
 
     def __init_subclass__(cls, kind: str | None = None, retry_after: int | None = None) -> None:
         cls.kind, cls.retry_after = kind or cls.kind, retry_after or cls.retry_after
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """Additional headers of the answer."""
-        return {}
 
 
 @dataclass(frozen=True)
 class FieldFault:
     """A field of a request and the reason why its value is invalid."""
 
-    field: str
-    message: str
+    field: Annotated[str, Field(examples=["metadata"])]
+    message: Annotated[str, Field(examples=["not JSON: Expecting value at character 0"])]
 
 
 class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):
@@ -90,21 +98,13 @@ class UnauthorizedError(ServiceError, kind="unauthorized"):
 
     def __init__(self, message: str, *, wrong: bool = False) -> None:
         super().__init__(message)
-        self.wrong = wrong
-
-    @property
-    def headers(self) -> dict[str, str]:
-        """The challenge of RFC 6750."""
-        return {"WWW-Authenticate": CHALLENGE + (', error="invalid_token"' if self.wrong else "")}
+        self.challenge = CHALLENGE + (', error="invalid_token"' if wrong else "")
 
 
 class ForbiddenError(ServiceError, kind="forbidden"):
     """The key does not allow the request."""
 
-    @property
-    def headers(self) -> dict[str, str]:
-        """The challenge of RFC 6750."""
-        return {"WWW-Authenticate": CHALLENGE + ', error="insufficient_scope"'}
+    challenge = CHALLENGE + ', error="insufficient_scope"'
 
 
 class CrossSiteError(ServiceError, kind="cross-site"):

@@ -114,12 +114,7 @@ PROBES = frozenset({"/healthz", "/readyz"})
 # Health probes, the documentation, and the addresses that a browser needs before it signs in.
 PUBLIC = frozenset(
     {
-        ("GET", "/"),
-        ("GET", "/docs"),
-        ("GET", "/openapi.json"),
-        ("GET", "/healthz"),
-        ("GET", "/readyz"),
-        ("GET", "/session"),
+        *(("GET", path) for path in ("/", "/docs", "/openapi.json", "/healthz", "/readyz", "/session")),
         ("DELETE", "/session"),
     }
 )
@@ -131,13 +126,9 @@ PAGE_FILES = "/page/"
 READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
 
 
-# Addresses about all collections: a key for some collections has no access.
-OF_ALL_COLLECTIONS = frozenset({"/metrics"})
-
-
 def of_all_collections(method: str, path: str) -> bool:
     """Return whether a request needs a key for all collections."""
-    return path in OF_ALL_COLLECTIONS or (path.startswith("/collections/") and method not in SAFE_METHODS)
+    return path == "/metrics" or (path.startswith("/collections/") and method not in SAFE_METHODS)
 
 
 def needed(method: str, path: str) -> Level | None:

@@ -34,15 +34,9 @@ def digest_of(key: str) -> str:
 class Grant:
     """The access rights of a request.
 
-    Attributes
-    ----------
-    level : "read" or "full"
-    digest : str or None
-        SHA-256 of the key; None if the service has no keys.
-    signed_in : bool
-        Whether the request carried the cookie of a session instead of the key.
-    collections : frozenset of str or None
-        Names of the allowed collections; None allows all.
+    `digest` is the SHA-256 of the key, and None if the service has no keys. `signed_in` tells whether the
+    request has the cookie of a session in place of the key. `collections` names the allowed collections; None
+    allows all.
     """
 
     level: Level

@@ -17,8 +17,7 @@ from service.client import Client, ProblemError, Upload
 from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
 from service.console import fail, output, progress, say
 from service.datasets import DatasetError, MeshFile, find_meshes
-from service.http.problem_document import TYPE_PREFIX, Problem, faults_of
-from service.jobs.schemas import Cause
+from service.http.problem_document import TYPE_PREFIX, Cause, faults_of
 from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
 
@@ -192,7 +191,7 @@ def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress
         tally.refused.append((str(path), "the job was cancelled"))
 
 
-def _said(problem: Problem | Cause) -> str:
+def _said(problem: Cause) -> str:
     return f"{problem.type.removeprefix(TYPE_PREFIX)}: {problem.detail}"
 
 

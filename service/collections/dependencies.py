@@ -4,7 +4,6 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Query, Request
 from pydantic import BaseModel, Field
-from starlette.concurrency import run_in_threadpool
 
 from service.auth.keys import Grant
 from service.collection import DEFAULT_COLLECTION, NAME, CollectionRecord
@@ -60,12 +59,9 @@ async def _chosen(
     grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
     name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
 
-    def read() -> CollectionRecord:
-        with container.database.read() as session:
-            return repository.get(session, name)
-
-    is_default = name == DEFAULT_COLLECTION.name
-    collection = DEFAULT_COLLECTION if is_default else await run_in_threadpool(read)
+    collection = DEFAULT_COLLECTION
+    if name != DEFAULT_COLLECTION.name:
+        collection = await container.database.reading(repository.get, name)
     request.scope[COLLECTION_IN_SCOPE] = collection.name
     return collection
 

@@ -6,11 +6,10 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from core.registration.similarity import RESIDUAL
-from service.collection import CollectionNumber
 from service.collections.dependencies import InCollection, NamedInAddress
 from service.dependencies import Service
 from service.duplicates import service
-from service.duplicates.groups import MIN_CC, DuplicateCriteria
+from service.duplicates.groups import MIN_CC, Search
 from service.duplicates.schemas import DuplicatesAnswer
 from service.http.middleware import while_connected
 from service.http.problems import documented
@@ -49,12 +48,6 @@ class DuplicatesOptions(NamedInAddress, Filters):
     )
     format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
 
-    def criteria(self, collection: CollectionNumber) -> DuplicateCriteria:
-        """Return the criteria of the search in a collection."""
-        return DuplicateCriteria(
-            self.filtered(collection), self.min_cc, self.max_residual, variants=self.variants
-        )
-
 
 @router.get(
     "/duplicates",
@@ -91,10 +84,12 @@ async def duplicates(
     many remain.
     """
     timings = Timings()
-    criteria = options.criteria(collection.number)
+    shapes = options.filtered(collection.number)
 
     async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
-        return await service.find(container, criteria, active_pipeline, timings)
+        fingerprint = active_pipeline.fingerprint
+        bounds = Search(fingerprint, options.variants, options.min_cc, options.max_residual)
+        return await service.find(container, shapes, bounds, active_pipeline, timings)
 
     with container.queue.admitted():
         answer = await while_connected(request, with_active_pipeline(container, find_groups))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from core.registration.kinship import Kinship, kinship
 from core.registration.similarity import RESIDUAL
-from service.shapes.records import ShapeFilter
 
 MIN_CC = 0.98
 """Least CC of two shapes that are registered. Poses of one body pass this limit too."""
@@ -36,16 +35,6 @@ class Search:
     variants: bool
     min_cc: float = MIN_CC
     max_residual: float = RESIDUAL
-
-
-@dataclass(frozen=True)
-class DuplicateCriteria:
-    """The shapes of a report, the least CC of a pair, the largest residual, and whether variants count."""
-
-    shapes: ShapeFilter
-    min_cc: float
-    max_residual: float
-    variants: bool
 
 
 @dataclass(frozen=True)

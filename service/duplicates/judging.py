@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from starlette.concurrency import run_in_threadpool
 
 from core.errors import BadRecordError, MeshError
 from core.registration.invariants import possible_copies, possible_variants
@@ -28,7 +27,7 @@ from service.search.likeness import find_copy, stored_surface
 from service.search.records import Candidates, Query, Surface
 from service.search.scoring import Cascade
 from service.shapes import repository as shapes_repository
-from service.storage.database import ReadSession
+from service.storage.database import ReadSession, WriteSession
 
 log = get_logger("duplicates")
 
@@ -44,20 +43,9 @@ REGISTERED = 32
 class _Snapshot:
     """The database as one transaction reads it for the judgement of a shape.
 
-    Attributes
-    ----------
-    measured : MeasuredShapes
-        All shapes.
-    index : int
-        The index of the shape.
-    record : bytes
-        Its embedding record; empty if that is damaged.
-    candidates : int, shape (k,)
-        Indices of its judged candidates, the nearest first.
-    links : sequence of Link
-        The pairs of copies among them.
-    latest : int
-        The number of the latest judgement.
+    The shape has an `index` among all `measured` shapes, and an embedding `record`, empty if that is damaged.
+    `candidates` has the indices of its judged candidates, the nearest first, and `links` the pairs of copies
+    among them. `latest` is the number of the latest judgement.
     """
 
     measured: MeasuredShapes
@@ -88,30 +76,27 @@ class ShapeJudge:
 
         Nothing is done if the shape is deleted, or judged meanwhile.
         """
-        while (snapshot := await run_in_threadpool(self._look)) is not None:
+        database = self.container.database
+        while (snapshot := await database.reading(self._look)) is not None:
             await self._compare(snapshot)
-            if await run_in_threadpool(self._store, snapshot):
+            if await database.writing(self._store, snapshot):
                 return
 
-    def _look(self) -> _Snapshot | None:
-        with self.container.database.read() as session:
-            measured = self._measured(session)
-            index = measured.index_of(self.shape)
-            if index is None:
-                return None
-            embedding = int(measured.embeddings[index])
-            record = search_repository.embedding_records(session, [embedding]).get(embedding)
-            near = self._near(measured, index)
-            done = repository.judged(session, self.search, [self.shape, *measured.shapes[near].tolist()])
-            if self.shape in done:
-                return None
-            near = near[np.isin(measured.shapes[near], list(done))]
-            numbers = [self.shape, *measured.shapes[near].tolist()]
-            links = repository.links_among(session, self.search.fingerprint, numbers)
-            return _Snapshot(measured, index, record or b"", near, links, repository.latest(session))
-
-    def _measured(self, session: ReadSession) -> MeasuredShapes:
-        return self.container.measurements.current(session, self.active_pipeline.index)
+    def _look(self, session: ReadSession) -> _Snapshot | None:
+        measured = self.container.measurements.current(session, self.active_pipeline.index)
+        index = measured.index_of(self.shape)
+        if index is None:
+            return None
+        embedding = int(measured.embeddings[index])
+        record = search_repository.embedding_records(session, [embedding]).get(embedding)
+        near = self._near(measured, index)
+        done = repository.judged(session, self.search, [self.shape, *measured.shapes[near].tolist()])
+        if self.shape in done:
+            return None
+        near = near[np.isin(measured.shapes[near], list(done))]
+        numbers = [self.shape, *measured.shapes[near].tolist()]
+        links = repository.links_among(session, self.search.fingerprint, numbers)
+        return _Snapshot(measured, index, record or b"", near, links, repository.latest(session))
 
     def _near(self, measured: MeasuredShapes, index: int) -> NDArray[np.intp]:
         """Return candidates of the same collection, the least spectral distance first."""
@@ -200,39 +185,35 @@ class ShapeJudge:
         assert index is not None
         embedding = int(snapshot.measured.embeddings[index])
 
-        def read() -> Surface:
-            with self.container.database.read() as session:
-                records = search_repository.embedding_records(session, [embedding])
-                shapes = shapes_repository.records(session, self.collection, [number])
+        def read(session: ReadSession) -> Surface:
+            records = search_repository.embedding_records(session, [embedding])
+            shapes = shapes_repository.records(session, self.collection, [number])
             if not (records and shapes):
                 raise ShapeNotFoundError(str(number))
             return stored_surface(self.container, self.collection, shapes[0].id, records[embedding])
 
-        surface = await run_in_threadpool(read)
+        surface = await self.container.database.reading(read)
         if number == self.shape:
             self._surface = surface
         return surface
 
-    def _store(self, snapshot: _Snapshot) -> bool:
+    def _store(self, session: WriteSession, snapshot: _Snapshot) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
         search, shapes = self.search, snapshot.measured.shapes
-        with self.container.database.write() as session:
-            if not repository.exists(session, self.shape, int(snapshot.measured.embeddings[snapshot.index])):
-                return True
-            newer = repository.judged_since(session, search, snapshot.latest) - {self.shape}
-            near = set(shapes[self._near(snapshot.measured, snapshot.index)].tolist())
-            if any(snapshot.measured.index_of(each) is None for each in newer) or newer & near:
-                # A shape that was judged again may have another file.
-                self._considered -= newer
-                self._links = [link for link in self._links if not {link.first, link.second} & newer]
-                return False
-            ends = {link.first for link in self._links} | {link.second for link in self._links}
-            present = repository.judged(session, search, sorted(ends)) | {self.shape}
-            links = [link for link in self._links if {link.first, link.second} <= present]
-            repository.write(
-                session, search, self.shape, links, compared=self._compared, aligned=self._aligned
-            )
+        if not repository.exists(session, self.shape, int(snapshot.measured.embeddings[snapshot.index])):
             return True
+        newer = repository.judged_since(session, search, snapshot.latest) - {self.shape}
+        near = set(shapes[self._near(snapshot.measured, snapshot.index)].tolist())
+        if any(snapshot.measured.index_of(each) is None for each in newer) or newer & near:
+            # A shape that was judged again may have another file.
+            self._considered -= newer
+            self._links = [link for link in self._links if not {link.first, link.second} & newer]
+            return False
+        ends = {link.first for link in self._links} | {link.second for link in self._links}
+        present = repository.judged(session, search, sorted(ends)) | {self.shape}
+        links = [link for link in self._links if {link.first, link.second} <= present]
+        repository.write(session, search, self.shape, links, compared=self._compared, aligned=self._aligned)
+        return True
 
 
 def _link(first: int, second: int, cc: float, copy: RigidCopy) -> Link:

@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Select, delete, func, or_, select
 
 from service.collection import CollectionNumber
-from service.duplicates.groups import DuplicateCriteria, Link, Search
+from service.duplicates.groups import Link, Search
 from service.index.repository import ENTRIES
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
@@ -115,21 +115,21 @@ def links_among(session: ReadSession, fingerprint: str, shapes: Sequence[int]) -
     )
 
 
-def links_of(session: ReadSession, fingerprint: str, wanted: DuplicateCriteria) -> list[Link]:
-    """Return the pairs of a collection within some limits."""
+def links_of(session: ReadSession, collection: CollectionNumber, bounds: Search) -> list[Link]:
+    """Return the pairs of a collection within the bounds of a search."""
     row = DuplicatePairRow
     query = (
         select(*LINK)
         .join(ShapeRow, ShapeRow.number == row.first_number)
         .where(
-            ShapeRow.collection_number == wanted.shapes.collection,
-            row.fingerprint == fingerprint,
-            row.cc >= wanted.min_cc,
-            row.residual <= wanted.max_residual,
+            ShapeRow.collection_number == collection,
+            row.fingerprint == bounds.fingerprint,
+            row.cc >= bounds.min_cc,
+            row.residual <= bounds.max_residual,
         )
         .order_by(row.first_number, row.second_number)
     )
-    return _links(session, query if wanted.variants else query.where(row.variant.is_(False)))
+    return _links(session, query if bounds.variants else query.where(row.variant.is_(False)))
 
 
 def _links(session: ReadSession, query: Select[*tuple[Any, ...]]) -> list[Link]:

@@ -9,20 +9,21 @@ from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
-from starlette.concurrency import run_in_threadpool
 
 from service.collection import CollectionNumber
+from service.compute.request_queue import together
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.groups import DuplicateCriteria, Groups, Search
+from service.duplicates.groups import Groups, Search
 from service.duplicates.judging import ShapeJudge
 from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
 from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
-from service.pipelines.active import ActivePipeline
+from service.pipelines.active import ActivePipeline, Pipelines
 from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter
 from service.shapes.schemas import Shape
 from service.storage.database import ReadSession
 
@@ -42,38 +43,40 @@ log = get_logger("duplicates")
 
 
 async def find(
-    container: Container, wanted: DuplicateCriteria, active_pipeline: ActivePipeline, timings: Timings
+    container: Container,
+    shapes: ShapeFilter,
+    bounds: Search,
+    active_pipeline: ActivePipeline,
+    timings: Timings,
 ) -> DuplicatesAnswer:
     """Find the groups of near-identical shapes.
 
     Shapes that are not judged yet are judged first, for about `JUDGING_SECONDS`, where the archive can be
-    written to. The kept pairs within the limits join the shapes of the whole collection; the filter chooses
+    written to. The kept pairs within the bounds join the shapes of the whole collection; the filter chooses
     among the members of the groups.
     """
-    kinds = (False, True) if wanted.variants else (False,)
-    searches = [Search(active_pipeline.fingerprint, variants) for variants in kinds]
+    kinds = (False, True) if bounds.variants else (False,)
+    searches = [Search(bounds.fingerprint, variants) for variants in kinds]
     with timings.stage("judge"):
         end = monotonic() + JUDGING_SECONDS
         try:
             for search in searches:
-                await judge_for(container, active_pipeline, search, wanted.shapes.collection, end)
+                await judge_for(container, active_pipeline, search, shapes.collection, end)
         except (StorageFullError, StorageUnavailableError) as error:
             log.warning("the shapes are judged later: %s", error)
 
-    def read() -> DuplicatesAnswer:
-        with container.database.read() as session:
-            return _report(session, searches, wanted)
-
     with timings.stage("results"):
-        answer = await run_in_threadpool(read)
+        answer = await container.database.reading(_report, searches, shapes, bounds)
     return answer.model_copy(update={"milliseconds": timings.so_far()})
 
 
-def _report(session: ReadSession, searches: Sequence[Search], wanted: DuplicateCriteria) -> DuplicatesAnswer:
-    fingerprint, collection = searches[0].fingerprint, wanted.shapes.collection
-    shapes = repository.embedded(session, fingerprint, wanted.shapes)
+def _report(
+    session: ReadSession, searches: Sequence[Search], wanted: ShapeFilter, bounds: Search
+) -> DuplicatesAnswer:
+    collection = wanted.collection
+    shapes = repository.embedded(session, bounds.fingerprint, wanted)
     groups = Groups()
-    for link in repository.links_of(session, fingerprint, wanted):
+    for link in repository.links_of(session, collection, bounds):
         groups.join(link)
     members = groups.members(shapes)
     numbers = sorted({member.shape for group in members for member in group})
@@ -112,13 +115,13 @@ async def keep_judging(container: Container) -> None:
     finished: _State | None = None
     while True:
         try:
-            state = await run_in_threadpool(_state, container)
+            state = await container.database.reading(_state, container.pipelines)
             if state != finished:
                 for search in state.searches:
                     while await _judge_some(
                         container, state.active_pipeline, search, None, idle, container.settings.workers
                     ):
-                        if await run_in_threadpool(_state, container) != state:
+                        if await container.database.reading(_state, container.pipelines) != state:
                             break
                 finished = state
         except ServiceError as error:
@@ -166,11 +169,11 @@ async def _judge_some(
     whether to go on.
     """
 
-    def look() -> list[tuple[CollectionNumber, int]]:
-        with container.database.read() as session:
-            return repository.unjudged(session, search, collection=collection, limit=JUDGED_AT_ONCE)
+    async def look() -> list[tuple[CollectionNumber, int]]:
+        reading = container.database.reading
+        return await reading(repository.unjudged, search, collection=collection, limit=JUDGED_AT_ONCE)
 
-    unjudged = await run_in_threadpool(look)
+    unjudged = await look()
     waiting = iter(unjudged)
 
     async def take() -> None:
@@ -188,13 +191,8 @@ async def _judge_some(
     in_progress = [shape for _, shape in unjudged if (shape, search.variants) in container.judging]
     if unjudged and len(in_progress) == len(unjudged):
         await asyncio.sleep(BUSY_SECONDS)
-    try:
-        async with asyncio.TaskGroup() as group:
-            for _ in range(at_a_time):
-                group.create_task(take())
-    except ExceptionGroup as several:
-        raise several.exceptions[0] from None
-    return bool(in_progress) or (bool(unjudged) and await run_in_threadpool(look) != unjudged)
+    await together(take() for _ in range(at_a_time))
+    return bool(in_progress) or (bool(unjudged) and await look() != unjudged)
 
 
 async def _idle(container: Container) -> None:
@@ -216,9 +214,8 @@ class _State:
     searches: tuple[Search, ...]
 
 
-def _state(container: Container) -> _State:
-    with container.database.read() as session:
-        active_pipeline = container.pipelines.current(session)
-        copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
-        searches = (copies, variants) if repository.has_begun(session, variants) else (copies,)
-        return _State(revision(session), active_pipeline, searches)
+def _state(session: ReadSession, pipelines: Pipelines) -> _State:
+    active_pipeline = pipelines.current(session)
+    copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
+    searches = (copies, variants) if repository.has_begun(session, variants) else (copies,)
+    return _State(revision(session), active_pipeline, searches)

@@ -34,12 +34,8 @@ class ClientQuotas:
     temporary folder if that is less, and more only while as much stays free for each of two other clients.
     Use it in the event loop only.
 
-    Parameters
-    ----------
-    bodies : int
-        The most bodies of one client that may arrive at a time.
-    largest : int
-        The size of the largest file.
+    `bodies` is the most bodies of one client that may arrive at a time, `largest` the size of the largest
+    file.
     """
 
     def __init__(self, bodies: int, largest: int) -> None:
@@ -63,8 +59,9 @@ class ClientQuotas:
         self._bodies[client] += 1
 
     def end(self, client: str) -> None:
-        """Count a body no more: it is whole, or given up."""
-        _subtract(self._bodies, client, 1)
+        """Count a body no more: it is whole, or given up. A client without any is forgotten."""
+        self._bodies[client] -= 1
+        self._bodies += Counter()
 
     def take(self, client: str, size: int) -> None:
         """Count bytes that are about to be written to the temporary folder.
@@ -81,8 +78,9 @@ class ClientQuotas:
         self._bytes[client] += size
 
     def free(self, client: str, size: int) -> None:
-        """Count bytes no more: their files are closed."""
-        _subtract(self._bytes, client, size)
+        """Count bytes no more: their files are closed. A client without any is forgotten."""
+        self._bytes[client] -= size
+        self._bytes += Counter()
 
 
 @dataclass
@@ -92,16 +90,8 @@ class BodyLimit:
     A form may have the size of the largest file and `FORM_OVERHEAD`; any other body has a limit of
     `SMALL_BODY_BYTES`.
 
-    Attributes
-    ----------
-    app : ASGIApp
-    file_bytes : int
-        The size of the largest file.
-    larger : mapping of str to int
-        The paths with another size of the largest file.
-    quotas : ClientQuotas
-    seconds : float
-        The longest wait for the next bytes of a body, and the period of `LEAST_BYTES`.
+    `larger` has the paths whose largest file has another size than `file_bytes`. `seconds` is the longest
+    wait for the next bytes of a body, and the period of `LEAST_BYTES`.
     """
 
     app: ASGIApp
@@ -212,10 +202,3 @@ class _Body:
         """Free the client's room: the request is over, and its files are closed."""
         self._end()
         self._quotas.free(self._client, self._on_disk)
-
-
-def _subtract(counter: Counter[str], client: str, number: int) -> None:
-    """Count less, and forget a client without any."""
-    counter[client] -= number
-    if counter[client] <= 0:
-        del counter[client]

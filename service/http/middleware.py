@@ -6,7 +6,7 @@ import re
 import time
 import uuid
 from collections.abc import Coroutine
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from h11 import LocalProtocolError
 from starlette.datastructures import Headers, MutableHeaders
@@ -161,22 +161,23 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -
     RefusedBodyError
         The request has a body, which nobody reads, and the body is refused.
     """
-    doing = asyncio.ensure_future(work)
-    leaving = asyncio.ensure_future(_left(request))
+
+    async def left() -> NoReturn:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+        raise ClientDisconnect
+
+    return await unless(left(), work)
+
+
+async def unless(watch: Coroutine[Any, Any, NoReturn], work: Coroutine[Any, Any, Answer]) -> Answer:
+    """Return the result of the work, or raise the error of the watch if that comes first; end both."""
+    doing, watching = asyncio.ensure_future(work), asyncio.ensure_future(watch)
     try:
-        await asyncio.wait({doing, leaving}, return_when=asyncio.FIRST_COMPLETED)
-        if not doing.done():
-            leaving.result()
-            raise ClientDisconnect
-        return doing.result()
+        await asyncio.wait({doing, watching}, return_when=asyncio.FIRST_COMPLETED)
+        return doing.result() if doing.done() else watching.result()
     finally:
         doing.cancel()
-        leaving.cancel()
+        watching.cancel()
         # Nobody waits for either, so errors of the cancelled tasks are dropped.
-        await asyncio.gather(doing, leaving, return_exceptions=True)
-
-
-async def _left(request: Request) -> None:
-    """Return when the client has disconnected."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
+        await asyncio.gather(doing, watching, return_exceptions=True)

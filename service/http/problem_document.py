@@ -1,7 +1,7 @@
 """The problem document (RFC 9457) as the service writes it and a client reads it."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 from pydantic import BaseModel, Field
 
@@ -14,28 +14,42 @@ INSTANCE_PREFIX = "urn:isoshape:request:"
 FAULTS = 100
 
 
-class Fault(BaseModel):
-    """A fault of one field of a request."""
-
-    field: str = Field(examples=["metadata"])
-    message: str = Field(examples=["not JSON: Expecting value at character 0"])
-
-
-class Problem(BaseModel):
-    """The answer to every request that fails (RFC 9457)."""
+class Cause(BaseModel):
+    """The problem (RFC 9457) of a file or a job, outside the answer to a request."""
 
     type: str = Field(
         description="The kind of problem. It never changes, so a program may branch on it.",
         json_schema_extra={"enum": [TYPE_PREFIX + kind for kind in PROBLEMS]},
     )
     title: str = Field(description="The kind of problem in words.")
-    status: int = Field(description="The HTTP status.")
-    detail: str = Field(description="What happened in this request, for people.")
+    status: int = Field(
+        description="The HTTP status; of a file of a job, that of an upload of the single file."
+    )
+    detail: str = Field(description="What happened, for people.")
+
+    @classmethod
+    def of(cls, kind: str, detail: str, **fields: Any) -> Self:  # noqa: ANN401
+        """Return the problem of a kind."""
+        row = PROBLEMS[kind]
+        return cls(type=TYPE_PREFIX + kind, title=row.title, status=row.status, detail=detail, **fields)
+
+
+class Problem(Cause):
+    """The answer to every request that fails (RFC 9457)."""
+
     instance: str = Field(description="The occurrence: a URN with the id of the request.")
     request_id: str = Field(
         description="The id of the request, as in the X-Request-ID header and in the logs."
     )
-    errors: list[Fault] | None = Field(default=None, description="The fields at fault, each with a message.")
+    errors: list[FieldFault] | None = Field(
+        default=None, description="The fields at fault, each with a message."
+    )
+
+    @classmethod
+    def answering(cls, request_id: str, kind: str, detail: str, faults: Sequence[FieldFault] = ()) -> Self:
+        """Return the answer to a request."""
+        instance, errors = INSTANCE_PREFIX + request_id, list(faults) or None
+        return cls.of(kind, detail, instance=instance, request_id=request_id, errors=errors)
 
 
 def faults_of(errors: Sequence[Any]) -> list[FieldFault]:

@@ -12,7 +12,7 @@ from starlette.types import Receive, Scope, Send
 
 from core.errors import CoreError
 from service.errors import BY_STATUS, PROBLEMS, BadRequestFieldsError, FieldFault, ServiceError
-from service.http.problem_document import INSTANCE_PREFIX, MEDIA_TYPE, TYPE_PREFIX, Fault, Problem, faults_of
+from service.http.problem_document import MEDIA_TYPE, Problem, faults_of
 from service.observability.logging import get_logger, request_id
 from service.observability.metrics import METHODS
 
@@ -70,31 +70,19 @@ def problem_response(
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
     """Return the problem document of one occurrence."""
-    problem = _problem(kind, detail, request_id.get() or "", faults)
+    problem = Problem.answering(request_id.get() or "", kind, detail, faults)
     headers = dict(headers or {})
     if retry_after is not None:
         headers["Retry-After"] = str(retry_after)
     return ProblemResponse(problem, kind, headers)
 
 
-def _problem(kind: str, detail: str, identifier: str, faults: Sequence[FieldFault] = ()) -> Problem:
-    row = PROBLEMS[kind]
-    return Problem(
-        type=TYPE_PREFIX + kind,
-        title=row.title,
-        status=row.status,
-        detail=detail,
-        instance=INSTANCE_PREFIX + identifier,
-        request_id=identifier,
-        errors=[Fault(field=fault.field, message=fault.message) for fault in faults] or None,
-    )
-
-
 def problem_of(error: ServiceError) -> JSONResponse:
     """Return the problem document of one of the service's errors."""
     faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
+    headers = {} if error.challenge is None else {"WWW-Authenticate": error.challenge}
     return problem_response(
-        error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=error.headers
+        error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=headers
     )
 
 
@@ -121,7 +109,7 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
         response["description"] = ", or ".join(filter(None, [response["description"], row.title]))
         response["content"][MEDIA_TYPE]["examples"][kind] = {
             "summary": row.title,
-            "value": _problem(kind, row.title, "7f9c0e1d").model_dump(exclude_none=True),
+            "value": Problem.answering("7f9c0e1d", kind, row.title).model_dump(exclude_none=True),
         }
         if row.status in {429, 503, 507}:
             response["headers"] = {
@@ -146,9 +134,7 @@ async def _raised_error(_request: Request, error: Exception) -> JSONResponse:
 
 async def _validation_error(_request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
-    faults = faults_of(error.errors())
-    detail = "; ".join(f"{fault.field}: {fault.message}" for fault in faults)
-    return problem_response(BadRequestFieldsError.kind, detail, faults=faults)
+    return problem_of(BadRequestFieldsError(*faults_of(error.errors())))
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:

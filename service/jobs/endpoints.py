@@ -13,11 +13,12 @@ from service.collections.dependencies import InCollection, address
 from service.errors import BusyError
 from service.http.middleware import client_of
 from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
-from service.http.request_bodies import RequestBody, once
+from service.http.request_bodies import RequestBody, once_each
 from service.jobs import events
 from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
+from service.shapes.endpoints import PageOptions
 from service.shapes.fields import base_name
 from service.shapes.listing import read_cursor
 from service.shapes.uploads import FormMetadata, FormTags
@@ -28,8 +29,6 @@ ARCHIVE_CHARACTERS = 255
 router = APIRouter(tags=["jobs"])
 
 JobId = Annotated[str, Path(description="The id of a job.", max_length=64)]
-Cursor = Annotated[str | None, Query(max_length=256, description="The `next_cursor` of the previous page.")]
-Limit = Annotated[int, Query(ge=1, le=500, description="The largest number of items of the page.")]
 
 
 def _runner(request: Request) -> Runner:
@@ -57,6 +56,12 @@ class ArchiveUpload(BaseModel):
     )
     tags: FormTags
     metadata: FormMetadata
+
+
+class FileListing(PageOptions):
+    """A page of a job's files."""
+
+    outcome: Outcome | None = Field(default=None, description="Only files with this outcome.")
 
 
 ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
@@ -108,13 +113,13 @@ async def create_job(
     ADDRESS,
     summary="List jobs",
     responses=documented(*READ_PROBLEMS),
-    dependencies=[once("cursor", "limit")],
+    dependencies=[once_each(PageOptions)],
 )
 def list_jobs(
-    runner: InRunner, collection: InCollection, cursor: Cursor = None, limit: Limit = 50
+    listing: Annotated[PageOptions, Query()], runner: InRunner, collection: InCollection
 ) -> JobPage:
     """Return the unfinished jobs, and those that ended in the last days, the latest first."""
-    return runner.jobs.page(collection.number, before=read_cursor(cursor), limit=limit)
+    return runner.jobs.page(collection.number, before=read_cursor(listing.cursor), limit=listing.limit)
 
 
 @router.get("/jobs/{job_id}", summary="Read a job", responses=documented("job-not-found", *READ_PROBLEMS))
@@ -127,18 +132,14 @@ def read_job(job_id: JobId, runner: InRunner, collection: InCollection) -> Job:
     "/jobs/{job_id}/files",
     summary="List the files of a job",
     responses=documented("job-not-found", *READ_PROBLEMS),
-    dependencies=[once("outcome", "cursor", "limit")],
+    dependencies=[once_each(FileListing)],
 )
 def list_job_files(
-    job_id: JobId,
-    runner: InRunner,
-    collection: InCollection,
-    outcome: Annotated[Outcome | None, Query(description="Only files with this outcome.")] = None,
-    cursor: Cursor = None,
-    limit: Limit = 50,
+    job_id: JobId, listing: Annotated[FileListing, Query()], runner: InRunner, collection: InCollection
 ) -> JobFilePage:
     """Return the outcome of each file of the archive, in its order; none until the job begins."""
-    return runner.jobs.files(collection.number, job_id, outcome, start=read_cursor(cursor), limit=limit)
+    start = read_cursor(listing.cursor)
+    return runner.jobs.files(collection.number, job_id, listing.outcome, start=start, limit=listing.limit)
 
 
 @router.get(

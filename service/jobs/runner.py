@@ -8,15 +8,16 @@ import asyncio
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
-from functools import partial
+from typing import NoReturn
 
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CoreError
 from core.io import format_of
 from service.collection import CollectionNumber
+from service.compute.request_queue import together
 from service.container import Container
 from service.errors import (
     PROBLEMS,
@@ -29,6 +30,7 @@ from service.errors import (
     StorageUnavailableError,
     WorkerLostError,
 )
+from service.http.middleware import unless
 from service.jobs import repository
 from service.jobs.repository import LEASE, JobLostError
 from service.jobs.schemas import Outcome
@@ -72,7 +74,7 @@ class Runner:
     """
 
     def __init__(self, container: Container) -> None:
-        self._container = container
+        self._container, self._database = container, container.database
         self.jobs = Jobs(container.database, container.settings)
         self._id = str(uuid.uuid4())
         self._look = asyncio.Event()
@@ -108,8 +110,8 @@ class Runner:
             yield
         finally:
             self._arriving[client] -= 1
-            if not self._arriving[client]:
-                del self._arriving[client]
+            # Clients without an archive are forgotten.
+            self._arriving += Counter()
 
     async def stop(self) -> None:
         """Stop at once: the next start continues with the members that are not stored."""
@@ -118,7 +120,7 @@ class Runner:
         with suppress(asyncio.CancelledError):
             await self._running
         with suppress(ServiceError):
-            await self._write(repository.release, self._id)
+            await self._database.writing(repository.release, self._id)
 
     async def _run(self) -> None:
         pauses = iter(PAUSES)
@@ -140,11 +142,8 @@ class Runner:
     async def _work_on(self, job: JobRow) -> None:
         """Process the rest of a job; returns when it has ended, here or in another service."""
         log.info("a job starts or continues", extra={"fields": {"job": job.id}})
-        renewal = asyncio.create_task(self._renew_until_ended(job))
-        doing = asyncio.create_task(self._do(job))
         try:
-            await asyncio.wait({renewal, doing}, return_when=asyncio.FIRST_COMPLETED)
-            (doing if doing.done() else renewal).result()
+            await unless(self._renew_until_lost(job), self._do(job))
             self._faults = 0
             log.info("a job has ended", extra={"fields": {"job": job.id}})
         except JobLostError:
@@ -160,20 +159,12 @@ class Runner:
                 self._faults = 0
                 await run_in_threadpool(self.jobs.end, job, "failed", UNFORESEEN)
             raise
-        finally:
-            for task in (doing, renewal):
-                task.cancel()
-            await asyncio.gather(doing, renewal, return_exceptions=True)
 
     async def _do(self, job: JobRow) -> None:
         turn = asyncio.Lock()
         with closing(self.jobs.begin(job)) as members:
-            try:
-                async with asyncio.TaskGroup() as group:
-                    for _ in range(self._container.settings.workers):
-                        group.create_task(self._take(job, members, turn))
-            except ExceptionGroup as several:
-                raise several.exceptions[0] from None
+            workers = range(self._container.settings.workers)
+            await together(self._take(job, members, turn) for _ in workers)
         await run_in_threadpool(self.jobs.end, job, "done")
 
     async def _take(
@@ -187,7 +178,7 @@ class Runner:
                 return
             file, data = taken
             if not isinstance(data, bytes):
-                await self._write(partial(repository.settle, fault=data), file, "refused")
+                await self._database.writing(repository.settle, file, "refused", fault=data)
                 continue
             await self._wait_for_worker()
             self.active_members += 1
@@ -222,7 +213,7 @@ class Runner:
                 fault = UNFORESEEN
             if tries_left:
                 await asyncio.sleep(PAUSES[0])
-        await self._write(partial(repository.settle, fault=fault), file, "refused")
+        await self._database.writing(repository.settle, file, "refused", fault=fault)
 
     async def _wait_for_worker(self) -> None:
         """Wait for a worker that no request needs."""
@@ -232,23 +223,14 @@ class Runner:
                 return
             await asyncio.sleep(ROOM_SECONDS)
 
-    async def _renew_until_ended(self, job: JobRow) -> None:
-        """Renew the lease of a job until the job has ended or the lease is lost."""
+    async def _renew_until_lost(self, job: JobRow) -> NoReturn:
+        """Renew the lease of a job; JobLostError ends this."""
         while True:
             await self._changed(BEAT_SECONDS)
-            await self._write(repository.renew, job.number, self._id)
+            await self._database.writing(repository.renew, job.number, self._id)
 
     async def _changed(self, seconds: float) -> None:
         """Wait for a change, but no longer than some seconds."""
         with suppress(TimeoutError):
             await asyncio.wait_for(self._look.wait(), seconds)
         self._look.clear()
-
-    async def _write(self, change: Callable[..., object], *arguments: object) -> None:
-        """Call a function of the repository in a transaction, on a thread."""
-
-        def write() -> None:
-            with self._container.database.write() as session:
-                change(session, *arguments)
-
-        await run_in_threadpool(write)

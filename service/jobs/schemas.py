@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from service.errors import PROBLEMS
-from service.http.problem_document import TYPE_PREFIX
+from service.http.problem_document import Cause
+from service.shapes.listing import Page
 
 if TYPE_CHECKING:
     from service.storage.tables import JobFileRow, JobRow
@@ -20,12 +20,6 @@ ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
 Outcome = Literal["stored", "present", "refused"]
 """The outcome of a member: a new shape, an existing shape, or no shape."""
 
-CAUSE: dict[str, Any] = {
-    "type": TYPE_PREFIX + "member-damaged",
-    "title": PROBLEMS["member-damaged"].title,
-    "status": PROBLEMS["member-damaged"].status,
-    "detail": "it cannot be unpacked: Bad CRC-32 for file 'cups/7.off'",
-}
 JOB: dict[str, Any] = {
     "id": "5d2c8e0a-93ff-4f6b-8a55-7b1f1a2f0d11",
     "state": "running",
@@ -46,28 +40,15 @@ FILE: dict[str, Any] = {
     "path": "cups/7.off",
     "outcome": "refused",
     "shape_id": None,
-    "problem": CAUSE,
+    "problem": Cause.of(
+        "member-damaged", "it cannot be unpacked: Bad CRC-32 for file 'cups/7.off'"
+    ).model_dump(),
 }
 
 
-class Cause(BaseModel):
-    """The problem (RFC 9457) of a file or job, outside the answer to a request."""
-
-    model_config = ConfigDict(json_schema_extra={"example": CAUSE})
-
-    type: str = Field(description="The kind of the problem, as in problem documents.")
-    title: str = Field(description="The title of this kind.")
-    status: int = Field(description="The HTTP status that an upload of the single file would get.")
-    detail: str = Field(description="A description of this occurrence.")
-
-    @classmethod
-    def of(cls, row: "JobRow | JobFileRow") -> "Cause | None":
-        """Return the recorded cause of a failure or a refusal, or None if there is none."""
-        if row.kind is None:
-            return None
-        known = PROBLEMS[row.kind]
-        detail = row.detail or ""
-        return cls(type=TYPE_PREFIX + row.kind, title=known.title, status=known.status, detail=detail)
+def _cause_of(row: "JobRow | JobFileRow") -> Cause | None:
+    """Return the recorded cause of a failure or a refusal, or None if there is none."""
+    return None if row.kind is None else Cause.of(row.kind, row.detail or "")
 
 
 class Counts(BaseModel):
@@ -116,7 +97,7 @@ class Job(BaseModel):
             counts=Counts(files=sum(counts.values()), **numbers),
             files_per_second=None if rate is None else round(rate, 3),
             remaining_seconds=round(numbers["waiting"] / rate, 1) if rate else None,
-            problem=Cause.of(job),
+            problem=_cause_of(job),
         )
 
     @property
@@ -125,16 +106,10 @@ class Job(BaseModel):
         return self.state in ENDED
 
 
-class JobPage(BaseModel):
+class JobPage(Page):
     """A page of jobs, the latest first."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"example": {"jobs": [JOB], "total": 3, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
-    )
-
     jobs: list[Job]
-    total: int = Field(description="The number of all jobs.")
-    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
 
 class JobFile(BaseModel):
@@ -151,24 +126,11 @@ class JobFile(BaseModel):
     @classmethod
     def of(cls, file: "JobFileRow", unprocessed: Literal["waiting", "cancelled"]) -> "JobFile":
         """Return the JSON of a file; `unprocessed` is the outcome of one without an outcome."""
-        return cls.model_validate(
-            {
-                "position": file.position,
-                "path": file.path,
-                "outcome": file.outcome or unprocessed,
-                "shape_id": file.shape_id,
-                "problem": Cause.of(file),
-            }
-        )
+        values: dict[str, Any] = {"outcome": file.outcome or unprocessed, "problem": _cause_of(file)}
+        return cls(position=file.position, path=file.path, shape_id=file.shape_id, **values)
 
 
-class JobFilePage(BaseModel):
+class JobFilePage(Page):
     """A page of a job's files, in the order of the archive."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"example": {"files": [FILE], "total": 195, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
-    )
-
     files: list[JobFile]
-    total: int = Field(description="The number of all matching files.")
-    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")

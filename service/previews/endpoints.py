@@ -1,26 +1,34 @@
-"""The addresses of pictures."""
+"""The addresses of pictures: thumbnails and previews of stored shapes, and the preview of a file."""
 
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
-from service.collection import DEFAULT_COLLECTION
+from service.collection import DEFAULT_COLLECTION, CollectionNumber
 from service.collections.dependencies import InCollection
+from service.container import Container
 from service.dependencies import Service
+from service.errors import StorageFullError, StorageUnavailableError
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
-from service.previews import service
+from service.observability.logging import get_logger
+from service.rendering import tasks
 from service.rendering.glb import MEDIA_TYPE
 from service.rendering.tasks import FACES
-from service.rendering.thumbnail import DRAWING
+from service.rendering.thumbnail import DRAWING, draw
+from service.shapes import file_repository
 from service.shapes import file_service as files
+from service.shapes import service as shapes_service
 from service.shapes.endpoints import ShapeId
+from service.shapes.records import ShapeRecord
 from service.shapes.uploads import MeshUpload
 from service.web.endpoints import page, viewing_page
 
 router = APIRouter(tags=["shapes"])
+
+log = get_logger("pictures")
 
 MESH = RequestBody(MeshUpload)
 
@@ -55,11 +63,11 @@ async def read_thumbnail(
     ] = "256",
 ) -> Response:
     """Return a picture of the shape, which is drawn once a size. z points up, in OBJ and GLB files y."""
-    shape = await service.record(container, collection.number, shape_id)
+    shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    data = await while_connected(request, service.thumbnail(container, collection.number, shape, int(size)))
+    data = await while_connected(request, _thumbnail(container, collection.number, shape, int(size)))
     return Response(data, media_type="image/png", headers=headers)
 
 
@@ -81,13 +89,13 @@ async def read_preview(
     Positions are between -1 and 1: a point p of the file becomes (p - middle) / half, and the `extras` of the
     node have `middle` and `half`.
     """
-    shape = await service.record(container, collection.number, shape_id)
+    shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     with container.queue.admitted():
-        data = await service.stored_file(container, collection.number, shape_id)
-        glb = await while_connected(request, service.preview(container, data, shape.format))
+        data = await container.database.reading(file_repository.file_of, collection.number, shape_id)
+        glb = await while_connected(request, _preview(container, data, shape.format))
     return Response(glb, media_type=MEDIA_TYPE, headers=headers)
 
 
@@ -108,7 +116,7 @@ async def make_preview(
     mesh_format = format_of(upload.file.filename or "")
     with container.queue.admitted():
         data = await upload.file.read()
-        glb = await while_connected(request, service.preview(container, data, mesh_format))
+        glb = await while_connected(request, _preview(container, data, mesh_format))
     return Response(glb, media_type=MEDIA_TYPE)
 
 
@@ -121,14 +129,38 @@ async def make_preview(
         **documented("shape-not-found", *READ_PROBLEMS),
     },
 )
-async def view_shape(
-    shape_id: ShapeId, request: Request, container: Service, collection: InCollection
-) -> Response:
+def view_shape(shape_id: ShapeId, request: Request, container: Service, collection: InCollection) -> Response:
     """Return a page that shows the shape in 3D."""
-    await service.record(container, collection.number, shape_id)
+    with container.database.read() as session:
+        shapes_service.get(session, collection.number, shape_id)
     if collection == DEFAULT_COLLECTION:
         return page(request, "view.html")
-    return viewing_page(collection.name)
+    return viewing_page(collection=collection.name)
+
+
+async def _thumbnail(
+    container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
+) -> bytes:
+    """Return the stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
+    key = shape.sha256, shape.format, size, DRAWING
+    stored = await container.database.reading(file_repository.thumbnail, *key)
+    if stored is not None:
+        return stored
+    data = await container.database.reading(file_repository.file_of, collection, shape.id)
+    with container.queue.admitted():
+        mesh = await container.queue.read(data, shape.format)
+        drawn = await container.queue.do(draw, mesh, shape.format, size)
+    try:
+        await container.database.writing(file_repository.store_thumbnail, *key, drawn)
+    except (StorageFullError, StorageUnavailableError) as error:
+        log.warning("a thumbnail was drawn but not stored: %s", error)
+    return drawn
+
+
+async def _preview(container: Container, data: bytes, format: str) -> bytes:
+    """Return the mesh of a file as a GLB, made in a worker."""
+    mesh = await container.queue.read(data, format)
+    return await container.queue.do(tasks.preview, mesh, format, FACES)
 
 
 def _headers(tag: str) -> dict[str, str]:

@@ -40,9 +40,13 @@ def interpolate_colours(points: Floats, colours: Floats, vertices: Floats) -> ND
     distances, near = distances.reshape(len(vertices), -1), near.reshape(len(vertices), -1)
     weights = 1.0 / np.maximum(distances, 1e-9 * max(float(distances.max()), 1e-300)) ** 2
     weights /= weights.sum(axis=1, keepdims=True)
-    mixed = np.einsum("nk,nkc->nc", weights, colours[near])
-    opaque = np.ones((len(vertices), 1))
-    return np.asarray(np.rint(255.0 * np.clip(np.hstack([mixed, opaque]), 0.0, 1.0)), dtype=np.uint8)
+    return opaque(np.clip(np.einsum("nk,nkc->nc", weights, colours[near]), 0.0, 1.0))
+
+
+def opaque(colours: Floats) -> NDArray[np.uint8]:
+    """Return red, green, blue and opacity 255, shape (n, 4), of colours in [0, 1]."""
+    whole = np.hstack([colours, np.ones((len(colours), 1))])
+    return np.asarray(np.rint(255.0 * whole), dtype=np.uint8)
 
 
 Paint = Literal["correspondence", "difference"]
@@ -109,10 +113,8 @@ def differences(
     first, second = (way.displacement for way in ways)
     if first is None or second is None:
         stretches = [np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways]
-        return (
-            Difference("stretch", stretches[0], LARGEST_STRETCH),
-            Difference("stretch", stretches[1], LARGEST_STRETCH),
-        )
+        of_first, of_second = (Difference("stretch", values, LARGEST_STRETCH) for values in stretches)
+        return of_first, of_second
     scale = ways[0].scale
     least = LEAST_DISPLACEMENT * max(extents[0], extents[1] / scale)
     maximum = max(float(first.max()), float(second.max()) / scale, least)

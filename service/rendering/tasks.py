@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 from io import BytesIO
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import KDTree
 
@@ -20,6 +18,7 @@ from service.rendering.colours import (
     difference_colours,
     differences,
     interpolate_colours,
+    opaque,
 )
 from service.rendering.glb import GlbPart, write_glb
 from service.rendering.thumbnail import draw_painted, upright
@@ -113,14 +112,8 @@ def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: P
         # A simplified mesh has the colours of the nearest vertices.
         simplified = part.vertices is not side.mesh.vertices
         shown = KDTree(side.mesh.vertices).query(part.vertices)[1] if simplified else slice(None)
-        parts.append(replace(part, colours=_opaque(painted_colours[shown]), facts={**part.facts, **more}))
+        parts.append(replace(part, colours=opaque(painted_colours[shown]), facts={**part.facts, **more}))
     return parts
-
-
-def _opaque(colours: Floats) -> NDArray[np.uint8]:
-    """Return red, green, blue and opacity 255, shape (n, 4)."""
-    whole = np.hstack([colours, np.ones((len(colours), 1))])
-    return np.asarray(np.rint(255.0 * whole), dtype=np.uint8)
 
 
 def _part(name: str, mesh: Mesh, format: str, faces: int) -> GlbPart:

@@ -34,7 +34,7 @@ from service.search.schemas import (
 )
 from service.search.scoring import Cascade, class_log_odds, nearest_wholes
 from service.search.shortlist import find_candidates
-from service.shapes import file_service
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
 from service.shapes.schemas import EmbeddingArrays, Shape, warnings_of
@@ -57,21 +57,17 @@ async def with_active_pipeline(
 
     The embeddings that the work began with may have been deleted.
     """
-
-    def current() -> ActivePipeline:
-        with container.database.read() as session:
-            return container.pipelines.current(session)
-
-    active_pipeline = await run_in_threadpool(current)
+    reading, current = container.database.reading, container.pipelines.current
+    active_pipeline = await reading(current)
     while True:
         try:
             done = await work(active_pipeline)
         except NotEmbeddedError:
-            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            before, active_pipeline = active_pipeline, await reading(current)
             if active_pipeline is before:
                 raise
         else:
-            before, active_pipeline = active_pipeline, await run_in_threadpool(current)
+            before, active_pipeline = active_pipeline, await reading(current)
             if active_pipeline is before:
                 return done
 
@@ -95,16 +91,14 @@ async def query_of_file(
     embedded = await container.queue.embed(data, format, active_pipeline.pipeline)
     timings.milliseconds |= embedded.milliseconds
 
-    def same_bytes() -> frozenset[int]:
-        with container.database.read() as session:
-            return frozenset(repository.numbers_of_bytes(session, collection, sha256(data)))
-
-    excluded = await run_in_threadpool(same_bytes) if exclude_self else frozenset()
+    same_bytes: list[int] = []
+    if exclude_self:
+        same_bytes = await container.database.reading(repository.numbers_of_bytes, collection, sha256(data))
     return Query(
         embedded.record,
         once(partial(container.queue.read, data, format)),
         active_pipeline=active_pipeline,
-        excluded=excluded,
+        excluded=frozenset(same_bytes),
     )
 
 
@@ -123,23 +117,17 @@ async def query_of_shape(
     ShapeNotFoundError, NotEmbeddedError
         The collection has no such shape, or no embedding of it.
     """
-
-    def read() -> Query:
-        with container.database.read() as session:
-            stored = file_service.get_stored_embedding(
-                session, active_pipeline.fingerprint, collection, shape_id
-            )
-        excluded = frozenset([stored.shape] if exclude_self else [])
-        return Query(
-            stored.record,
-            once(partial(stored_mesh, container, collection, shape_id)),
-            active_pipeline=active_pipeline,
-            excluded=excluded,
-            number=stored.number,
-        )
-
     with timings.stage("read"):
-        return await run_in_threadpool(read)
+        stored = await container.database.reading(
+            file_repository.embedding_of, active_pipeline.fingerprint, collection, shape_id
+        )
+    return Query(
+        stored.record,
+        once(partial(stored_mesh, container, collection, shape_id)),
+        active_pipeline=active_pipeline,
+        excluded=frozenset([stored.shape] if exclude_self else []),
+        number=stored.number,
+    )
 
 
 async def search(

@@ -39,11 +39,12 @@ from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
 from service.search.schemas import LocalDifference, pairs
-from service.shapes import file_service
+from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name
 from service.shapes.uploads import ENDINGS_IN_WORDS
-from service.web.endpoints import comparing_page
+from service.storage.database import ReadSession
+from service.web.endpoints import viewing_page
 
 router = APIRouter(tags=["search"])
 
@@ -143,7 +144,7 @@ async def compare(
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("compare", timings.milliseconds)
     if options.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):
-        return comparing_page(body.first, body.second, collection.name)
+        return viewing_page(first=body.first, second=body.second, collection=collection.name)
     return answer
 
 
@@ -285,16 +286,15 @@ async def _compared_shape(
     """
     if isinstance(given, str):
 
-        def read() -> ComparedShape:
+        def read(session: ReadSession) -> ComparedShape:
             fingerprint = active_pipeline.fingerprint
-            with container.database.read() as session:
-                record = file_service.get_stored_embedding(session, fingerprint, collection, given).record
-                shape = shapes_service.get(session, collection, given)
+            record = file_repository.embedding_of(session, fingerprint, collection, given).record
+            shape = shapes_service.get(session, collection, given)
             mesh = once(partial(stored_mesh, container, collection, given))
             return ComparedShape(record, name=shape.name, format=shape.format, mesh=mesh)
 
         with timings.stage("read"):
-            return await run_in_threadpool(read)
+            return await container.database.reading(read)
 
     name = given.filename or ""
     mesh_format = format_of(name)

@@ -15,11 +15,12 @@ from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from service.collection import CollectionNumber
 from service.compute import tasks
 from service.container import Container
-from service.errors import ServiceError, ShapeNotFoundError
+from service.errors import ServiceError
 from service.observability.logging import get_logger
 from service.search.records import Relation, Surface, once
-from service.shapes import file_service
-from service.shapes import repository as shapes_repository
+from service.shapes import file_repository
+from service.shapes import service as shapes_service
+from service.storage.database import ReadSession
 
 log = get_logger("likeness")
 
@@ -36,14 +37,11 @@ async def stored_mesh(container: Container, collection: CollectionNumber, shape_
         The collection has no such shape.
     """
 
-    def read() -> tuple[bytes, str]:
-        with container.database.read() as session:
-            shape = shapes_repository.by_id(session, collection, shape_id)
-            if shape is None:
-                raise ShapeNotFoundError(shape_id)
-            return file_service.get_file(session, collection, shape_id), shape.format
+    def read(session: ReadSession) -> tuple[bytes, str]:
+        shape = shapes_service.get(session, collection, shape_id)
+        return file_repository.file_of(session, collection, shape_id), shape.format
 
-    return await container.queue.read(*await run_in_threadpool(read))
+    return await container.queue.read(*await container.database.reading(read))
 
 
 def stored_surface(

@@ -1,7 +1,6 @@
 """Shapes: files and fields in; stored, listed, changed and restored records out."""
 
 __all__ = [
-    "assemblies",
     "endpoints",
     "fields",
     "file_endpoints",

@@ -71,7 +71,7 @@ class PageOptions(NamedInAddress):
     cursor: str | None = Field(
         default=None, max_length=256, description="The `next_cursor` of the previous page."
     )
-    limit: int = Field(default=50, ge=1, le=500, description="The largest number of shapes of the page.")
+    limit: int = Field(default=50, ge=1, le=500, description="The largest number of items of the page.")
 
 
 class ShapeListing(PageOptions, Filters):
@@ -186,7 +186,7 @@ def change_shape(
 ) -> Shape:
     """Change name, tags or metadata. A given field replaces the old value whole."""
     with container.database.write() as session:
-        return Shape.of(service.change(session, collection.number, shape_id, changes.changes()))
+        return Shape.of(service.change(session, collection.number, shape_id, changes))
 
 
 @router.delete(

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
-from starlette.concurrency import run_in_threadpool
 
 from core.io import FORMATS, format_of, writable
 from core.serialization import embedding_from_bytes
@@ -13,12 +12,13 @@ from service.http.middleware import while_connected
 from service.http.problems import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.pipelines.active import fingerprint
+from service.shapes import file_repository, service
 from service.shapes import file_service as files
-from service.shapes import service
 from service.shapes.endpoints import ShapeId
 from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.schemas import EmbeddingArrays, Shape
 from service.shapes.uploads import Replacement
+from service.storage.database import ReadSession
 
 if TYPE_CHECKING:
     WrittenFormat = str
@@ -77,20 +77,18 @@ async def read_file(
     """Return the bytes of the uploaded file, or its mesh in another format. HEAD gives the headers only."""
     known = request.headers.get("If-None-Match")
 
-    def read() -> tuple[ShapeRecord, str, str, bytes | None]:
-        with container.database.read() as session:
-            shape = service.get(session, collection.number, shape_id)
-            kind = shape.format if format is None else str(format)
-            tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
-            wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
-            if not wanted:
-                return shape, kind, tag, None
-            return shape, kind, tag, files.get_file(session, collection.number, shape_id)
+    def read(session: ReadSession) -> tuple[ShapeRecord, str, str, bytes | None]:
+        shape = service.get(session, collection.number, shape_id)
+        kind = shape.format if format is None else str(format)
+        tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
+        wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
+        data = file_repository.file_of(session, collection.number, shape_id) if wanted else None
+        return shape, kind, tag, data
 
-    shape, kind, tag, data = await run_in_threadpool(read)
+    shape, kind, tag, data = await container.database.reading(read)
     if files.is_known(known, tag):
         return Response(status_code=304, headers={"ETag": tag})
-    size = shape.size
+    size = shape.bytes
     if kind != shape.format:
         with container.queue.admitted():
             data = await while_connected(request, files.exported(container, collection.number, shape, kind))
@@ -164,7 +162,7 @@ def read_embedding(
 ) -> EmbeddingArrays | Response:
     """Return the embedding by the active pipeline: samples, graph, tree, signature and spectra."""
     with container.database.read() as session:
-        stored = files.get_stored_embedding(session, fingerprint(session), collection.number, shape_id)
+        stored = file_repository.embedding_of(session, fingerprint(session), collection.number, shape_id)
     embedding = embedding_from_bytes(stored.record)
     if format == "json":
         return EmbeddingArrays.of(embedding)

@@ -7,7 +7,7 @@ from sqlalchemy import ScalarSelect, select
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
-from service.errors import SignatureLengthError
+from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.shapes.records import StoredEmbedding
 from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
@@ -25,11 +25,13 @@ from service.storage.tables import (
 
 def file_of(
     session: ReadSession, collection: CollectionNumber, shape_id: str, *, deleted: bool = False
-) -> bytes | None:
+) -> bytes:
     """Return the uploaded bytes of a shape, or of a deleted one.
 
     Raises
     ------
+    ShapeNotFoundError
+        The collection has no such shape.
     BadRecordError
         The bytes are damaged.
     """
@@ -39,16 +41,22 @@ def file_of(
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection)
         .where(~NOT_DELETED if deleted else NOT_DELETED)
     ).one_or_none()
-    return None if row is None else whole_file(row.data, row.sha256)
+    if row is None:
+        raise ShapeNotFoundError(shape_id)
+    return whole_file(row.data, row.sha256)
 
 
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> StoredEmbedding | None:
+) -> StoredEmbedding:
     """Return the embedding of a shape by one pipeline.
 
     Raises
     ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    NotEmbeddedError
+        The pipeline has not embedded the shape.
     BadRecordError
         The record does not have its checksum.
     """
@@ -56,11 +64,14 @@ def embedding_of(
         select(
             ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
         )
-        .join(ShapeRow, is_its_embedding(fingerprint))
+        .select_from(ShapeRow)
+        .outerjoin(EmbeddingRow, is_its_embedding(fingerprint))
         .where(ShapeRow.id == shape_id, ShapeRow.collection_number == collection, NOT_DELETED)
     ).one_or_none()
     if row is None:
-        return None
+        raise ShapeNotFoundError(shape_id)
+    if row.number is None:
+        raise NotEmbeddedError(shape_id)
     if not is_whole(row.record, row.checksum):
         raise BadRecordError(f"embedding {row.number} does not have its checksum")
     return StoredEmbedding(row.shape, row.number, row.record)
@@ -161,7 +172,7 @@ def store_thumbnail(
     session: WriteSession, sha256: str, format: str, size: int, drawing: int, data: bytes
 ) -> None:
     """Store a thumbnail, in place of one by another version; nothing happens if the file was deleted."""
-    number = session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
+    number = blob_number(session, sha256)
     if number is not None:
         key = {"blob_number": number, "format": format, "size": size, "drawing": drawing}
         session.merge(ThumbnailRow(**key, data=data, checksum=checksum_of(data)))

@@ -5,7 +5,6 @@ from typing import Any
 from urllib.parse import quote
 
 import numpy as np
-from starlette.concurrency import run_in_threadpool
 
 from core.embedding import Embedding
 from core.errors import MeshTooComplexError
@@ -13,45 +12,12 @@ from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
 from service.collection import CollectionNumber
 from service.container import Container
-from service.errors import FileChangedError, NameTakenError, NotEmbeddedError, ShapeNotFoundError
+from service.errors import FileChangedError, NameTakenError
 from service.shapes import file_repository, repository
-from service.shapes.records import NewFile, ShapeRecord, StoredEmbedding
+from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.schemas import ARRAYS
 from service.shapes.service import Put, get, store_files
 from service.storage.database import ReadSession, WriteSession
-
-
-def get_file(session: ReadSession, collection: CollectionNumber, shape_id: str) -> bytes:
-    """Return the uploaded bytes of a shape.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    """
-    data = file_repository.file_of(session, collection, shape_id)
-    if data is None:
-        raise ShapeNotFoundError(shape_id)
-    return data
-
-
-def get_stored_embedding(
-    session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> StoredEmbedding:
-    """Return the embedding of a shape, as it is stored.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    NotEmbeddedError
-        The active pipeline has not embedded the shape.
-    """
-    stored = file_repository.embedding_of(session, fingerprint, collection, shape_id)
-    if stored is None:
-        get(session, collection, shape_id)
-        raise NotEmbeddedError(shape_id)
-    return stored
 
 
 async def exported(
@@ -66,12 +32,8 @@ async def exported(
     NonFiniteCoordinatesError
         A coordinate is too large for the 32 bits of the format.
     """
-
-    def read() -> bytes:
-        with container.database.read() as session:
-            return get_file(session, collection, shape.id)
-
-    mesh = await container.queue.read(await run_in_threadpool(read), shape.format)
+    data = await container.database.reading(file_repository.file_of, collection, shape.id)
+    mesh = await container.queue.read(data, shape.format)
     check_size(mesh, format, container.settings.max_upload_bytes)
     return await container.queue.do(write_mesh, mesh, format)
 
@@ -111,10 +73,6 @@ async def replace_file(
             raise FileChangedError(f"the ETag of the file is now {tag}")
         return record
 
-    def check() -> None:
-        with container.database.read() as session:
-            matching(session)
-
     def replace(session: WriteSession, put: Put) -> ShapeRecord:
         record = matching(session)
         if (record.sha256, record.format) != file.key:
@@ -124,7 +82,7 @@ async def replace_file(
             repository.replace_file(session, record, file.format, stored)
         return get(session, collection, shape_id)
 
-    await run_in_threadpool(check)
+    await container.database.reading(matching)
     return (await store_files(container, [file], replace))[0]
 
 

@@ -103,6 +103,13 @@ class Filters(BaseModel):
         return ShapeFilter(collection, tuple(self.tag), self.name, tuple(metadata), **ranges)
 
 
+class Page(BaseModel):
+    """The place of a page in its list."""
+
+    total: int = Field(description="The number of items over all pages.")
+    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
+
+
 def write_cursor(after: int, name: str | None = None) -> str:
     """Return the cursor of the page after the row with a number, and a name in a list by name."""
     content = {"after": after} if name is None else {"after": after, "name": name}

@@ -30,7 +30,7 @@ class ShapeRecord:
     tags: tuple[str, ...]
     metadata: Mapping[str, Any]
     format: str
-    size: int
+    bytes: int
     sha256: str
     facts: Mapping[str, Any]
     embedded: bool
@@ -84,15 +84,6 @@ class StoredEmbedding:
     shape: int
     number: int
     record: bytes
-
-
-@dataclass(frozen=True)
-class Changes:
-    """New values of a shape's fields; None leaves a field unchanged."""
-
-    name: str | None = None
-    tags: tuple[str, ...] | None = None
-    metadata: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

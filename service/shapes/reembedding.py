@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 from core.errors import CoreError
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from service.compute.request_queue import RequestQueue
+from service.compute.request_queue import RequestQueue, together
 from service.compute.tasks import Embedded
 from service.errors import ClusterUnavailableError, FileTimeLimitError, WorkerLostError
 from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
-from service.storage.database import Database
+from service.storage.database import Database, ReadSession, WriteSession
 
 PRUNED_AT_ONCE = 200
 # Lack of memory, rather than the file, may have killed a worker.
@@ -72,7 +72,7 @@ class Reembedding:
         result = ReembeddingResult()
         done = 0
         while not result.active:
-            files = await asyncio.to_thread(self._todo)
+            files = await self._database.reading(self._todo)
             advance(done, done + len(files))
 
             async def take(waiting: Iterator[File], total: int) -> None:
@@ -85,16 +85,11 @@ class Reembedding:
                     advance(done, total)
 
             waiting, total = iter(files), done + len(files)
-            try:
-                async with asyncio.TaskGroup() as group:
-                    for _ in range(at_once):
-                        group.create_task(take(waiting, total))
-            except ExceptionGroup as several:
-                raise several.exceptions[0] from None
+            await together(take(waiting, total) for _ in range(at_once))
             if self._refused and not leave_out:
                 break
-            result.active, result.changed = await asyncio.to_thread(self._activate)
-        result.refused = await asyncio.to_thread(self._names_of_refused)
+            result.active, result.changed = await self._database.writing(self._activate)
+        result.refused = await self._database.reading(self._names_of_refused)
         return result
 
     async def _embed(self, file: File) -> bool:
@@ -103,11 +98,11 @@ class Reembedding:
         tries_left = TRIES
         while True:
             try:
-                blob = await asyncio.to_thread(self._read, number)
+                blob = await self._database.reading(repository.blob, number)
                 if blob is None:
                     return False
                 embedded = await self._work.embed(blob[1], format, self._pipeline)
-                return await asyncio.to_thread(self._store, number, blob[0], format, embedded)
+                return await self._database.writing(self._store, number, blob[0], format, embedded)
             except ClusterUnavailableError as error:
                 log.warning("waiting for the cluster: %s", error)
                 await asyncio.sleep(CLUSTER_SECONDS)
@@ -117,47 +112,40 @@ class Reembedding:
                     self._refused[file] = str(error)
                     return False
 
-    def _todo(self) -> list[File]:
+    def _todo(self, session: ReadSession) -> list[File]:
         """Return the files without an embedding, except those that the pipeline refused."""
-        with self._database.read() as session:
-            files = repository.unembedded(session, self._pipeline.fingerprint)
+        files = repository.unembedded(session, self._pipeline.fingerprint)
         return [file for file in files if file not in self._refused]
 
-    def _read(self, number: int) -> tuple[str, bytes] | None:
-        with self._database.read() as session:
-            return repository.blob(session, number)
-
-    def _store(self, number: int, sha256: str, format: str, embedded: Embedded) -> bool:
+    def _store(
+        self, session: WriteSession, number: int, sha256: str, format: str, embedded: Embedded
+    ) -> bool:
         """Store an embedding, unless the file was deleted or has one; return whether it was stored."""
         fingerprint = self._pipeline.fingerprint
-        with self._database.write() as session:
-            wanted = repository.names(session, number, format)
-            if not wanted or file_repository.is_embedded(session, fingerprint, sha256, format):
-                return False
-            file_repository.add_embedding(session, number, format, fingerprint, embedded)
-            shapes_repository.mark_changed(session, number, format, embedded.facts)
-            return True
+        wanted = repository.names(session, number, format)
+        if not wanted or file_repository.is_embedded(session, fingerprint, sha256, format):
+            return False
+        file_repository.add_embedding(session, number, format, fingerprint, embedded)
+        shapes_repository.mark_changed(session, number, format, embedded.facts)
+        return True
 
-    def _activate(self) -> tuple[bool, bool]:
+    def _activate(self, session: WriteSession) -> tuple[bool, bool]:
         """Activate the pipeline if all files are embedded; return whether it is active now, and newly so."""
         fingerprint = self._pipeline.fingerprint
-        with self._database.write() as session:
-            lacking = repository.unembedded(session, fingerprint)
-            if any(file not in self._refused for file in lacking):
-                return False, False
-            repository.keep(session, self._parameters)
-            changed = repository.active(session) != fingerprint
-            if changed:
-                repository.activate(session, fingerprint)
-            return True, changed
+        if self._todo(session):
+            return False, False
+        repository.keep(session, self._parameters)
+        changed = repository.active(session) != fingerprint
+        if changed:
+            repository.activate(session, fingerprint)
+        return True, changed
 
-    def _names_of_refused(self) -> list[tuple[str, str]]:
-        with self._database.read() as session:
-            return [
-                (name, cause)
-                for (number, format), cause in sorted(self._refused.items())
-                for name in repository.names(session, number, format)
-            ]
+    def _names_of_refused(self, session: ReadSession) -> list[tuple[str, str]]:
+        return [
+            (name, cause)
+            for (number, format), cause in sorted(self._refused.items())
+            for name in repository.names(session, number, format)
+        ]
 
 
 def prune_others(database: Database, fingerprint: str) -> int:

@@ -11,7 +11,6 @@ from service.collection import CollectionNumber
 from service.shapes.fields import plain_values
 from service.shapes.file_repository import is_its_embedding
 from service.shapes.records import (
-    Changes,
     NewFile,
     NewShape,
     Position,
@@ -141,7 +140,7 @@ def records(
             tags=tuple(tags.get(row.number, ())),
             metadata=row.meta,
             format=row.format,
-            size=size,
+            bytes=size,
             sha256=sha256,
             facts=row.facts,
             embedded=embedding is not None,
@@ -250,57 +249,41 @@ def add_shape(
     return records(session, new.collection, [number])[0]
 
 
-def change(session: WriteSession, number: int, changes: Changes) -> None:
-    """Write changed fields of a shape."""
+def change(session: WriteSession, number: int, changes: Mapping[str, Any]) -> None:
+    """Write changed fields of a shape, given by their names: `name`, `tags` or `metadata`."""
     values = _updated_now()
-    if changes.name is not None:
-        values |= {"name": changes.name, "folded_name": changes.name.casefold()}
-    if changes.metadata is not None:
-        values["meta"] = dict(changes.metadata)
+    if "name" in changes:
+        values |= {"name": changes["name"], "folded_name": changes["name"].casefold()}
+    if "metadata" in changes:
+        values["meta"] = changes["metadata"]
         session.execute(delete(MetadataRow).where(MetadataRow.shape_number == number))
-        _write_plain_values(session, number, changes.metadata)
-    if changes.tags is not None:
+        _write_plain_values(session, number, changes["metadata"])
+    if "tags" in changes:
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
-        _write_tags(session, number, changes.tags)
-    session.execute(update(ShapeRow).where(ShapeRow.number == number).values(values))
-    _store_checksums(session, [number])
+        _write_tags(session, number, changes["tags"])
+    _update(session, number, values)
 
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
     """Give a shape another file, and delete the previous one unless another shape has it."""
     _forget(session, record.number)
     replaced = session.scalars(select(BlobRow.number).where(BlobRow.sha256 == record.sha256)).all()
-    session.execute(
-        update(ShapeRow)
-        .where(ShapeRow.number == record.number)
-        .values(
-            {
-                **_updated_now(),
-                "blob_number": file.blob_number,
-                "format": format,
-                "facts": dict(file.facts),
-                "revision": next_revision(session),
-            }
-        )
-    )
-    _store_checksums(session, [record.number])
+    values = {"blob_number": file.blob_number, "format": format, "facts": dict(file.facts)}
+    _update(session, record.number, {**_updated_now(), **values, "revision": next_revision(session)})
     drop_unused(session, replaced)
 
 
 def delete_shape(session: WriteSession, record: ShapeRecord) -> None:
     """Delete a shape, which keeps its number, file and embeddings until it is restored or erased."""
     _leave(session, record)
-    condition = ShapeRow.number == record.number
-    session.execute(update(ShapeRow).where(condition).values(deleted_at=datetime.now(UTC)))
-    _store_checksums(session, [record.number])
+    _update(session, record.number, {"deleted_at": datetime.now(UTC)})
 
 
 def restore_shape(session: WriteSession, record: ShapeRecord) -> None:
     """Undo the deletion of a shape."""
     session.execute(delete(RemovalRow).where(RemovalRow.shape_number == record.number))
     values = {**_updated_now(), "deleted_at": None, "revision": next_revision(session)}
-    session.execute(update(ShapeRow).where(ShapeRow.number == record.number).values(values))
-    _store_checksums(session, [record.number])
+    _update(session, record.number, values)
 
 
 def erase_shape(session: WriteSession, record: ShapeRecord) -> None:
@@ -314,6 +297,12 @@ def _leave(session: WriteSession, record: ShapeRecord) -> None:
     """Take a shape out of the near-identical pairs, and out of the signatures in memory of every process."""
     _forget(session, record.number)
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
+
+
+def _update(session: WriteSession, number: int, values: Mapping[str, Any]) -> None:
+    """Write columns of a shape, and its checksum."""
+    session.execute(update(ShapeRow).where(ShapeRow.number == number).values(values))
+    _store_checksums(session, [number])
 
 
 def _store_checksums(session: WriteSession, numbers: Sequence[int]) -> None:

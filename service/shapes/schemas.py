@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from core.parameters import INCOMPLETE
 from service.shapes.fields import Metadata, Name, Tags
-from service.shapes.records import Changes, ShapeRecord, StoredShape
+from service.shapes.listing import Page
+from service.shapes.records import ShapeRecord, StoredShape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Spectrum
@@ -79,10 +80,8 @@ class MeshFacts(BaseModel):
     )
 
 
-class Shape(BaseModel):
-    """A stored shape."""
-
-    model_config = ConfigDict(json_schema_extra={"example": SHAPE})
+class FileAndFields(BaseModel):
+    """The file of a shape and its fields."""
 
     id: str
     name: str
@@ -91,55 +90,38 @@ class Shape(BaseModel):
     format: str = Field(description="The format of the file.")
     bytes: int = Field(description="Size of the file.")
     sha256: str = Field(description="SHA-256 of the file, in hexadecimal digits.")
+    created_at: datetime = Field(description="UTC.")
+
+
+class Shape(FileAndFields):
+    """A stored shape."""
+
+    model_config = ConfigDict(json_schema_extra={"example": SHAPE})
+
     facts: MeshFacts
     warnings: list[str] = Field(default=[], description="Warnings for comparisons with the shape.")
     embedded: bool = Field(
         description="Whether the shape has an embedding of the active pipeline. Queries skip shapes without "
         "one."
     )
-    created_at: datetime = Field(description="UTC.")
     updated_at: datetime = Field(description="UTC.")
 
     @classmethod
     def of(cls, record: ShapeRecord) -> "Shape":
         """Return the JSON of a record."""
-        return cls(
-            **_fields(record),
-            facts=MeshFacts.model_validate({**record.facts, "closed": record.facts["boundary_edges"] == 0}),
-            warnings=warnings_of(record.facts["boundary_ratio"]),
-            embedded=record.embedded,
-            updated_at=record.updated_at,
-        )
+        facts = {**record.facts, "closed": record.facts["boundary_edges"] == 0}
+        return cls(**{**vars(record), "facts": facts, "warnings": warnings_of(facts["boundary_ratio"])})
 
 
-def _fields(record: ShapeRecord) -> dict[str, Any]:
-    names = ("id", "name", "tags", "metadata", "format", "sha256", "created_at")
-    return {"bytes": record.size, **{name: getattr(record, name) for name in names}}
-
-
-class ShapePage(BaseModel):
-    """A page of shapes."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"example": {"shapes": [SHAPE], "total": 190, "next_cursor": "eyJhZnRlciI6IDUwfQ"}}
-    )
+class ShapePage(Page):
+    """A page of the shapes that pass the filter."""
 
     shapes: list[Shape]
-    total: int = Field(description="The number of shapes that pass the filter, over all pages.")
-    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
 
-class DeletedShape(BaseModel):
+class DeletedShape(FileAndFields):
     """A deleted shape that can be restored."""
 
-    id: str
-    name: str
-    tags: list[str]
-    metadata: dict[str, JsonValue]
-    format: str = Field(description="The format in which the file was read.")
-    bytes: int = Field(description="Size of the file.")
-    sha256: str = Field(description="SHA-256 of the file.")
-    created_at: datetime = Field(description="UTC.")
     deleted_at: datetime = Field(description="UTC.")
     gone_at: datetime = Field(description="The time until which the shape can be restored. UTC.")
 
@@ -147,16 +129,14 @@ class DeletedShape(BaseModel):
     def of(cls, record: ShapeRecord, keep: timedelta) -> "DeletedShape":
         """Return the JSON of a record."""
         assert record.deleted_at is not None
-        return cls(**_fields(record), deleted_at=record.deleted_at, gone_at=record.deleted_at + keep)
+        return cls(**vars(record), gone_at=record.deleted_at + keep)
 
 
-class DeletedShapePage(BaseModel):
-    """A page of deleted shapes, in the order of their deletion."""
+class DeletedShapePage(Page):
+    """A page of the shapes that can be restored, in the order of their deletion."""
 
     shapes: list[DeletedShape]
-    total: int = Field(description="The number of shapes that can be restored.")
     undo_days: float = Field(description="How many days after its deletion a shape can be restored.")
-    next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
 
 PART: dict[str, Any] = {
@@ -176,11 +156,6 @@ class SplitShape(Shape):
 
     created: bool = Field(description="Whether the upload stored the shape; false if it was there before.")
 
-    @classmethod
-    def of_one(cls, stored: StoredShape) -> "SplitShape":
-        """Return the JSON of a shape after the upload."""
-        return cls(**Shape.of(stored.shape).model_dump(), created=stored.created)
-
 
 class Assembly(SplitShape):
     """The shape of a whole assembly, and those of its parts."""
@@ -196,8 +171,8 @@ class Assembly(SplitShape):
     @classmethod
     def of_stored(cls, stored: Sequence[StoredShape]) -> "Assembly":
         """Return the JSON of an assembly after the upload: of the whole, and of its parts."""
-        whole, *parts = map(SplitShape.of_one, stored)
-        return cls(**whole.model_dump(), parts=parts)
+        whole, *parts = [SplitShape(**dict(Shape.of(one.shape)), created=one.created) for one in stored]
+        return cls(**dict(whole), parts=parts)
 
 
 class ShapeFields(BaseModel):
@@ -223,10 +198,6 @@ class ShapeChanges(BaseModel):
     name: Name | None = None
     tags: Tags | None = None
     metadata: Metadata | None = None
-
-    def changes(self) -> Changes:
-        """Return the changes as a record."""
-        return Changes(self.name, None if self.tags is None else tuple(self.tags), self.metadata)
 
 
 class SpectrumArrays(BaseModel):

@@ -1,4 +1,8 @@
-"""Operations on shapes: store, list, read, change and delete."""
+"""Operations on shapes: store, list, read, change and delete.
+
+Functions that take the id of a shape raise ShapeNotFoundError if the collection has no such shape, or no such
+deleted shape.
+"""
 
 import asyncio
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -11,19 +15,27 @@ from core.errors import MeshError
 from core.pipeline import Pipeline
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
+from service.compute.reader_answers import PartFile
+from service.compute.request_queue import together
 from service.compute.tasks import Embedded
 from service.container import Container
-from service.errors import FileTimeLimitError, NameTakenError, ServiceError, ShapeNotFoundError
+from service.errors import (
+    BadRequestFieldsError,
+    FieldFault,
+    FileTimeLimitError,
+    NameTakenError,
+    ServiceError,
+    ShapeNotFoundError,
+)
 from service.http.idempotency import repository as idempotency
 from service.http.idempotency.keys import Claim, Kept
 from service.observability.logging import get_logger
 from service.observability.timings import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
-from service.shapes.assemblies import parts_of
+from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
 from service.shapes.listing import write_cursor
 from service.shapes.records import (
-    Changes,
     FileKey,
     NewFile,
     NewShape,
@@ -34,12 +46,27 @@ from service.shapes.records import (
     StoredFile,
     StoredShape,
 )
-from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, Shape, ShapePage
+from service.shapes.schemas import (
+    Assembly,
+    DeletedShape,
+    DeletedShapePage,
+    Shape,
+    ShapeChanges,
+    ShapePage,
+)
 from service.storage.database import Database, ReadSession, WriteSession
 
 log = get_logger("shapes")
 
 PURGE_SECONDS = 600.0
+
+ASSEMBLY, PATH, INSTANCES = "assembly", "assembly_path", "instances"
+"""Keys of a part's metadata: the name of the whole shape, the names from the root of the assembly to the
+first instance of the part, and the number of instances."""
+
+# The format that parts are written in, which states its unit.
+_PART_FORMAT = "3mf"
+_PATH_CHARACTERS = 1_000
 
 T = TypeVar("T")
 Put = Callable[[NewFile], StoredFile]
@@ -77,11 +104,10 @@ async def ingest(
     """
     timings = Timings()
 
-    def look_up() -> list[StoredShape] | Kept | None:
-        with container.database.read() as session:
-            if claim is not None:
-                return idempotency.answer_to(session, claim, datetime.now(UTC))
-            present = repository.same(session, new.collection, new, new.name)
+    def look_up(session: ReadSession) -> list[StoredShape] | Kept | None:
+        if claim is not None:
+            return idempotency.answer_to(session, claim, datetime.now(UTC))
+        present = repository.same(session, new.collection, new, new.name)
         whole = present is not None and present.embedded and also is None and not split
         return [StoredShape(present, created=False)] if present is not None and whole else None
 
@@ -99,17 +125,53 @@ async def ingest(
             also(session, stored[0])
         return stored
 
-    answer = await run_in_threadpool(look_up)
+    answer = await container.database.reading(look_up)
     if answer is not None:
         return answer
     shapes = [new]
     if split:
         with timings.stage("parts"):
-            shapes += await parts_of(container, new)
+            shapes += await _parts_of(container, new)
     stored, embedded = await store_files(container, shapes, store, timings)
     for stages in (timings.milliseconds, *(embedding.milliseconds for embedding in embedded)):
         container.metrics.stages("upload", stages)
     return stored
+
+
+async def _parts_of(container: Container, whole: NewShape) -> list[NewShape]:
+    """Read each distinct part of a file in a worker; return an empty list for a file without parts.
+
+    A part is a 3MF in its own frame, with the tags and the metadata of the whole, and with `ASSEMBLY`, `PATH`
+    and `INSTANCES`.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        The metadata have a key of the parts, or no room for them.
+    MeshError
+        The file cannot be read.
+    """
+    reserved = sorted({ASSEMBLY, PATH, INSTANCES} & whole.metadata.keys())
+    if reserved:
+        raise BadRequestFieldsError(
+            FieldFault("metadata", f"with split=parts, the service sets {', '.join(reserved)}")
+        )
+    parts = await container.queue.parts(whole.data, whole.format)
+    return [_shape_of(whole, part, number) for number, part in enumerate(parts, start=1)]
+
+
+def _shape_of(whole: NewShape, part: PartFile, number: int) -> NewShape:
+    """Return a part as a new shape, with its assembly before its name."""
+    part_name = part.name or f"part {number}"
+    path = "/".join(part.path)
+    about = {ASSEMBLY: whole.name, PATH: path[-_PATH_CHARACTERS:], INSTANCES: part.instances}
+    try:
+        metadata = clean_metadata({**whole.metadata, **about})
+    except ValueError as error:
+        fault = FieldFault("metadata", f"with the metadata of the part {part_name!r}: {error}")
+        raise BadRequestFieldsError(fault) from error
+    name = clean_name(f"{whole.name[: NAME_CHARACTERS - len(part_name) - 1]}/{part_name}")
+    return NewShape(part.data, _PART_FORMAT, whole.collection, name, whole.tags, metadata, is_part=True)
 
 
 async def store_files(
@@ -131,7 +193,7 @@ async def store_files(
     """
     timings = timings or Timings()
     while True:
-        pipeline, missing = await run_in_threadpool(_look_up, container, files)
+        pipeline, missing = await container.database.reading(_look_up, container, files)
         embedded = await _embed(container, missing, pipeline)
         try:
             with timings.stage("store"):
@@ -159,13 +221,7 @@ def list_page(
 def get(
     session: ReadSession, collection: CollectionNumber, shape_id: str, deleted: timedelta | None = None
 ) -> ShapeRecord:
-    """Return the shape of a collection with an id; with `deleted`, a shape that was deleted in that time.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    """
+    """Return the shape of a collection with an id; with `deleted`, a shape that was deleted in that time."""
     since = None if deleted is None else datetime.now(UTC) - deleted
     record = repository.by_id(session, collection, shape_id, since)
     if record is None:
@@ -174,36 +230,29 @@ def get(
 
 
 def change(
-    session: WriteSession, collection: CollectionNumber, shape_id: str, changes: Changes
+    session: WriteSession, collection: CollectionNumber, shape_id: str, changes: ShapeChanges
 ) -> ShapeRecord:
     """Change the name, tags or metadata of a shape.
 
     Raises
     ------
-    ShapeNotFoundError
-        The collection has no such shape.
     NameTakenError
         Another shape of the collection has the new name and the same file.
     """
     record = get(session, collection, shape_id)
-    if changes == Changes():
+    values = changes.model_dump(exclude_none=True)
+    if not values:
         return record
     if changes.name is not None:
         holder = repository.same(session, collection, record, changes.name)
         if holder is not None and holder.id != shape_id:
             raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
-    repository.change(session, record.number, changes)
+    repository.change(session, record.number, values)
     return get(session, collection, shape_id)
 
 
 def delete(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
-    """Delete a shape, which can be restored during the time `keep`; with 0 it is erased at once.
-
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    """
+    """Delete a shape, which can be restored during the time `keep`; with 0 it is erased at once."""
     record = get(session, collection, shape_id)
     if keep:
         repository.delete_shape(session, record)
@@ -233,8 +282,6 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
 
     Raises
     ------
-    ShapeNotFoundError
-        No deleted shape of the collection has the id, or its time has passed.
     NameTakenError
         A shape with the same bytes and name was stored meanwhile.
     BadRecordError
@@ -242,12 +289,9 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
     """
     keep = container.settings.undo_time
 
-    def read() -> NewFile:
-        with container.database.read() as session:
-            record = get(session, collection, shape_id, deleted=keep)
-            data = file_repository.file_of(session, collection, shape_id, deleted=True)
-            assert data is not None
-            return NewFile(data, record.format)
+    def read(session: ReadSession) -> NewFile:
+        record = get(session, collection, shape_id, deleted=keep)
+        return NewFile(file_repository.file_of(session, collection, shape_id, deleted=True), record.format)
 
     def undo(session: WriteSession, put: Put) -> ShapeRecord:
         record = get(session, collection, shape_id, deleted=keep)
@@ -258,12 +302,12 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
         repository.restore_shape(session, record)
         return get(session, collection, shape_id)
 
-    file = await run_in_threadpool(read)
+    file = await container.database.reading(read)
     return (await store_files(container, [file], undo))[0]
 
 
 def purge(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:
-    """Erase a deleted shape. It raises the errors of `get`."""
+    """Erase a deleted shape."""
     repository.erase_shape(session, get(session, collection, shape_id, deleted=keep))
 
 
@@ -306,15 +350,16 @@ def put_shape(session: WriteSession, put: Put, new: NewShape) -> StoredShape:
     return StoredShape(repository.add_shape(session, file.blob_number, new, file.facts), created=True)
 
 
-def _look_up(container: Container, files: Sequence[NewFile]) -> tuple[Pipeline, dict[FileKey, NewFile]]:
+def _look_up(
+    session: ReadSession, container: Container, files: Sequence[NewFile]
+) -> tuple[Pipeline, dict[FileKey, NewFile]]:
     """Return the active pipeline, and the files that need an embedding."""
-    with container.database.read() as session:
-        pipeline = container.pipelines.current(session).pipeline
-        missing: dict[FileKey, NewFile] = {}
-        for file in files:
-            if not file_repository.is_embedded(session, pipeline.fingerprint, *file.key):
-                missing.setdefault(file.key, file)
-        return pipeline, missing
+    pipeline = container.pipelines.current(session).pipeline
+    missing: dict[FileKey, NewFile] = {}
+    for file in files:
+        if not file_repository.is_embedded(session, pipeline.fingerprint, *file.key):
+            missing.setdefault(file.key, file)
+    return pipeline, missing
 
 
 async def _embed(
@@ -332,12 +377,7 @@ async def _embed(
                     raise
                 raise type(error)(f"{file.name}: {error}") from error
 
-    try:
-        async with asyncio.TaskGroup() as group:
-            tasks = {key: group.create_task(embed(file)) for key, file in files.items()}
-    except ExceptionGroup as failed:
-        raise failed.exceptions[0] from None
-    return {key: task.result() for key, task in tasks.items()}
+    return dict(zip(files, await together(map(embed, files.values())), strict=True))
 
 
 def _store(

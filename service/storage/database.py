@@ -2,10 +2,11 @@
 
 import sqlite3
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
+from anyio import to_thread
 from sqlalchemy import Connection, Engine, insert, make_url, select, update
 from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
@@ -22,6 +23,9 @@ from service.storage.tables import ArchiveRow, Table
 log = get_logger("storage")
 
 POSTGRESQL_DISK_FULL = "53100"
+
+T = TypeVar("T")
+P = ParamSpec("P")
 
 
 class ReadSession(Session):
@@ -121,6 +125,28 @@ class Database:
             session.begin(),
         ):
             yield session
+
+    async def reading(
+        self, function: Callable[Concatenate[ReadSession, P], T], *values: P.args, **named: P.kwargs
+    ) -> T:
+        """Call a function with a read session and further values, in a thread; return its result."""
+
+        def call() -> T:
+            with self.read() as session:
+                return function(session, *values, **named)
+
+        return await to_thread.run_sync(call)
+
+    async def writing(
+        self, function: Callable[Concatenate[WriteSession, P], T], *values: P.args, **named: P.kwargs
+    ) -> T:
+        """Call a function with a write session and further values, in a thread; return its result."""
+
+        def call() -> T:
+            with self.write() as session:
+                return function(session, *values, **named)
+
+        return await to_thread.run_sync(call)
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:

@@ -36,7 +36,8 @@ async def readyz(container: Service) -> Readiness | Response:
     faults = []
     try:
         await run_in_threadpool(container.database.ping)
-        await run_in_threadpool(_follow, container)
+        # Takes up the pipeline that the archive is searched by, if this service has it.
+        await container.database.reading(container.pipelines.current)
     except ServiceError as error:
         faults.append(str(error))
     if not await run_in_threadpool(container.pool.ready):
@@ -53,12 +54,6 @@ async def readyz(container: Service) -> Readiness | Response:
     if faults:
         return problem_response("not-ready", "; ".join(faults), retry_after=1)
     return Readiness()
-
-
-def _follow(container: Service) -> None:
-    """Take up the pipeline that the archive is searched by, if this service has it."""
-    with container.database.read() as session:
-        container.pipelines.current(session)
 
 
 @router.get(
@@ -104,14 +99,7 @@ def read_version(request: Request, container: Service) -> Version:
         fingerprint=parameters.fingerprint,
         method=METHOD_VERSION,
         formats=[
-            FileFormat(
-                name=known.name,
-                title=known.title,
-                endings=known.endings,
-                media_type=known.media_type,
-                read=known.is_read,
-                written=known.is_written,
-            )
+            FileFormat(**{**vars(known), "read": known.is_read, "written": known.is_written})
             for known in FORMATS.values()
         ],
         pending=pending,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from importlib.resources import files
-from importlib.resources.abc import Traversable
 
 from fastapi import APIRouter, HTTPException, Request, Response
 
@@ -34,46 +33,37 @@ POLICY = "; ".join(
 )
 
 
+_FOLDER = files("service.web").joinpath("static")
+
+
 @dataclass(frozen=True)
 class Asset:
-    """A file as it is sent."""
+    """A file as it is sent, and its ETag."""
 
     data: bytes
     packed: bytes
     media_type: str
-
-    @property
-    def tag(self) -> str:
-        """The ETag of its bytes."""
-        return f'"{hashlib.sha256(self.data).hexdigest()[:32]}"'
-
-
-def find(name: str) -> Asset | None:
-    """Return the file with a name such as `main.js` or `vendor/three.js`; None where there is none."""
-    return load(name) if name in names() else None
+    tag: str
 
 
 @cache
 def load(name: str) -> Asset:
-    """Return a file that is there."""
-    data = _folder().joinpath(name).read_bytes()
+    """Return the file with a name of `names`, such as `main.js` or `vendor/three.js`."""
+    data = _FOLDER.joinpath(name).read_bytes()
     # A compressed file holds the time unless it is told one.
-    return Asset(data, gzip.compress(data, mtime=0), MEDIA_TYPES[name.rpartition(".")[2]])
+    packed, tag = gzip.compress(data, mtime=0), f'"{hashlib.sha256(data).hexdigest()[:32]}"'
+    return Asset(data, packed, MEDIA_TYPES[name.rpartition(".")[2]], tag)
 
 
 @cache
 def names() -> frozenset[str]:
     """Return the names of all files that are sent; those of other kinds beside them are not."""
-    sent = set()
-    for folder in ("", "vendor/"):
-        for entry in _folder().joinpath(folder).iterdir():
-            if entry.name.rpartition(".")[2] in MEDIA_TYPES:
-                sent.add(folder + entry.name)
-    return frozenset(sent)
-
-
-def _folder() -> Traversable:
-    return files("service.web").joinpath("static")
+    return frozenset(
+        folder + entry.name
+        for folder in ("", "vendor/")
+        for entry in _FOLDER.joinpath(folder).iterdir()
+        if entry.name.rpartition(".")[2] in MEDIA_TYPES
+    )
 
 
 _ALWAYS = {"Referrer-Policy": "same-origin", "X-Content-Type-Options": "nosniff"}
@@ -84,25 +74,14 @@ def page(request: Request, name: str) -> Response:
     return send(request, load(name), {"Content-Security-Policy": POLICY})
 
 
-def viewing_page(collection: str) -> Response:
-    """Return the page of a shape, told the collection that the shape is in."""
-    return _filled(_view(collection=collection))
-
-
-def comparing_page(first: str, second: str, collection: str) -> Response:
-    """Return the page of a shape with two of a collection in it, by their ids."""
-    # It is sent from /compare, not from /shapes/<id>/view.
-    return _filled(_view(first=first, second=second, collection=collection).replace("../../", "./"))
-
-
-def _view(**told: str) -> str:
+def viewing_page(**told: str) -> Response:
+    """Return the page of a shape, told its `collection`; with the ids `first` and `second`, of two shapes."""
     text = load("view.html").data.decode()
+    if "first" in told:
+        # It is sent from /compare, not from /shapes/<id>/view.
+        text = text.replace("../../", "./")
     for name, value in told.items():
         text = text.replace(f'data-{name}=""', f'data-{name}="{escape(value)}"')
-    return text
-
-
-def _filled(text: str) -> Response:
     headers = {"Content-Security-Policy": POLICY, **_ALWAYS}
     return Response(text, media_type="text/html", headers=headers)
 
@@ -149,7 +128,6 @@ def read_documentation(request: Request) -> Response:
 @router.get("/page/{name:path}")
 def read_page_file(name: str, request: Request) -> Response:
     """Return a script, style or picture of the page."""
-    asset = find(name)
-    if asset is None:
+    if name not in names():
         raise HTTPException(404)
-    return send(request, asset)
+    return send(request, load(name))

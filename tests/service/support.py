@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 import numpy as np
 import uvicorn
+from sqlalchemy import ColumnElement, func, select
 
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
@@ -21,6 +22,7 @@ from service.app import create_app
 from service.container import Container
 from service.server.uvicorn_server import config
 from service.settings import Settings
+from service.storage.tables import Table
 from tests.service.engines import url_in
 
 
@@ -37,6 +39,12 @@ class Running:
         answer = upload(self.client, data, filename, **fields)
         assert answer.status_code in {200, 201}, answer.text
         return answer.json()
+
+    def rows(self, table: type[Table], *conditions: ColumnElement[bool]) -> int:
+        """Return the number of rows of a table that satisfy conditions."""
+        with self.container.database.read() as session:
+            query = select(func.count()).select_from(table).where(*conditions)
+            return session.scalar(query) or 0
 
     def clear(self, *, permanent: bool = True) -> None:
         """Delete every shape."""

@@ -30,20 +30,10 @@ _ESCAPED = re.compile(r"\\(.)")
 
 @dataclass(frozen=True)
 class Claim:
-    """A request with an Idempotency-Key.
+    """A request with an Idempotency-Key, in the collection that it names.
 
-    Attributes
-    ----------
-    collection : CollectionNumber
-        The one that the request names.
-    scope : str
-        Whose key it is: the digest of the API key that it came with, or empty.
-    key : str
-        The Idempotency-Key.
-    payload : str
-        A hash of what was sent.
-    expires_at : datetime
-        Until when its answer is kept.
+    `scope` is the digest of the API key of the request, or empty; `payload` is a hash of its form. The answer
+    is kept until `expires_at`.
     """
 
     collection: CollectionNumber

@@ -127,16 +127,6 @@ def test_an_idempotency_key_belongs_to_a_collection(running: Running) -> None:
             own.clear()
 
 
-def test_a_deletion_is_undone_in_its_collection(running: Running) -> None:
-    with working_in(running, "undo") as own:
-        shape = own.store(small_file(2), "two.off")
-        assert own.client.delete(f"/shapes/{shape['id']}").status_code == 204
-        assert_problem(running.client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
-        assert own.client.post(f"/shapes/{shape['id']}/restore").json()["id"] == shape["id"]
-        assert own.client.get("/shapes").json()["total"] == 1
-    assert running.client.get("/shapes", params={"name": "two.off"}).json()["total"] == 0
-
-
 def test_only_an_empty_collection_is_deleted(running: Running) -> None:
     client = running.client
     with working_in(running, "short") as own:

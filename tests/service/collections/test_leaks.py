@@ -12,7 +12,7 @@ from service.collections.dependencies import HEADER, PARAMETER
 from service.openapi_document import document
 from tests.service.collections.support import working_in
 from tests.service.engines import either_engine
-from tests.service.jobs.support import begun, ended, pack
+from tests.service.jobs.support import ended, pack
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
 pytestmark = either_engine
@@ -226,15 +226,3 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
                     ended(hidden.client, answer.json()["id"])
         names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
         assert names == {f"{SECRET}-{name}.off" for name in ("twin", "of-a-job", "deleted")}
-
-
-def test_a_job_stores_in_its_own_collection(running: Running) -> None:
-    with working_in(running, "jobs") as own:
-        begun_id = own.client.post(
-            "/jobs", files={"file": ("a.zip", pack({"in-a-job.off": small_file(9)}))}
-        ).json()["id"]
-        assert ended(own.client, begun_id)["counts"]["stored"] == 1
-        assert [shape["name"] for shape in own.client.get("/shapes").json()["shapes"]] == ["in-a-job.off"]
-    assert running.client.get("/shapes", params={"name": "in-a-job"}).json()["total"] == 0
-    in_default = begun(running.client, pack({"default.off": small_file(9)}))
-    assert ended(running.client, in_default)["counts"]["stored"] == 1

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import func, select
+from sqlalchemy import select
 
 from core.gallery import make_shape
 from core.io import write_mesh
@@ -47,11 +47,6 @@ def groups(running: Running, **params: Any) -> set[frozenset[str]]:
     return {frozenset(one["shape"]["id"] for one in group) for group in ask(running, **params)["groups"]}
 
 
-def counted(running: Running, table: type[JudgedShapeRow] | type[DuplicatePairRow]) -> int:
-    with running.container.database.read() as session:
-        return session.scalar(select(func.count()).select_from(table)) or 0
-
-
 @pytest.fixture
 def running(tmp_path: Path) -> Iterator[Running]:
     with serving(settings_in(tmp_path)) as running:
@@ -73,16 +68,16 @@ def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
         for seed in range(3):
             running.store(copy_of_plane(seed), f"{seed}.off")
         running.store(small_file(1), "ball.off")
-        wait_until(lambda: counted(running, JudgedShapeRow) == 4, seconds=120)
+        wait_until(lambda: running.rows(JudgedShapeRow) == 4, seconds=120)
         aligned = ask(running)["aligned"]
         assert aligned == 2
         (group,) = groups(running)
         assert len(group) == 3
         # Variants are sought once somebody has asked for them.
-        assert counted(running, JudgedShapeRow) == 4
+        assert running.rows(JudgedShapeRow) == 4
         assert groups(running, variants=True) == {group}
         running.store(small_file(2), "another.off")
-        wait_until(lambda: counted(running, JudgedShapeRow) == 10, seconds=120)
+        wait_until(lambda: running.rows(JudgedShapeRow) == 10, seconds=120)
     # What is judged outlives the service.
     with serving(settings_in(tmp_path)) as running:
         assert groups(running) == {group}
@@ -103,18 +98,18 @@ def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(
 
 def test_copies_of_a_deleted_copy_stay_in_one_group(running: Running) -> None:
     shapes = [running.store(copy_of_plane(seed), f"{seed}.off") for seed in range(4)]
-    assert counted(running, DuplicatePairRow) == 0
+    assert running.rows(DuplicatePairRow) == 0
     assert len(*groups(running)) == 4
-    pairs = counted(running, DuplicatePairRow)
+    pairs = running.rows(DuplicatePairRow)
     assert pairs == 3
     running.client.delete(f"/shapes/{shapes[0]['id']}")
-    assert counted(running, DuplicatePairRow) < pairs
+    assert running.rows(DuplicatePairRow) < pairs
     assert groups(running) == {frozenset(shape["id"] for shape in shapes[1:])}
     for shape in shapes[1:3]:
         running.client.delete(f"/shapes/{shape['id']}")
     assert groups(running) == set()
-    assert counted(running, DuplicatePairRow) == 0
-    assert counted(running, JudgedShapeRow) == 1
+    assert running.rows(DuplicatePairRow) == 0
+    assert running.rows(JudgedShapeRow) == 1
 
 
 def test_a_restored_shape_is_judged_again(tmp_path: Path) -> None:
@@ -175,10 +170,10 @@ def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:
     assert outcome.active
     with serving(settings_in(tmp_path, pipeline="paper")) as running:
         assert groups(running) == before
-        assert counted(running, JudgedShapeRow) == 4
+        assert running.rows(JudgedShapeRow) == 4
         prune_others(running.container.database, PAPER.fingerprint)
-        assert counted(running, JudgedShapeRow) == 2
-        assert counted(running, DuplicatePairRow) == 1
+        assert running.rows(JudgedShapeRow) == 2
+        assert running.rows(DuplicatePairRow) == 1
 
 
 def test_copies_and_checks_of_an_archive_hold_the_pairs(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -154,24 +153,6 @@ def test_more_requests_than_may_wait_are_turned_away(
         assert_problem(first.result(), 503, "worker-lost")
     wait_until(strict.container.pool.pids, seconds=60)
     assert upload(strict.client, small_file(3), "second.off").status_code == 201
-
-
-def test_a_worker_that_is_killed_at_work_costs_one_request(
-    strict: Running, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wait_until(strict.container.pool.pids, seconds=60)
-
-    def kill() -> None:
-        wait_until(lambda: napping(strict.container.pool), seconds=60)
-        os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
-
-    killer = threading.Thread(target=kill)
-    with monkeypatch.context() as patch:
-        patch.setattr(work_module, "embed_mesh", nap_instead)
-        killer.start()
-        assert_problem(upload(strict.client, small_file(4), "killed.off"), 503, "worker-lost")
-    killer.join()
-    assert upload(strict.client, small_file(4), "killed.off").status_code == 201
 
 
 def test_a_worker_that_dies_idle_costs_no_request(strict: Running) -> None:

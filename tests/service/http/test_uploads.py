@@ -19,11 +19,14 @@ from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.compute.tasks import Embedded
 from service.http.request_bodies import FORM_FIELDS
+from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
 from tests.core.io.files import PLAIN
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
 
 pytestmark = either_engine
+
+TABLES = (ShapeRow, BlobRow, EmbeddingRow)
 
 
 def test_a_stored_shape_is_what_was_sent(service: Running) -> None:
@@ -73,21 +76,13 @@ def test_the_same_bytes_under_another_name_share_blob_and_embedding(service: Run
     two = service.store(small_file(0), name="two")
     assert one["id"] != two["id"]
     assert one["facts"] == two["facts"]
-    assert _rows(service) == {"shapes": 2, "blobs": 1, "embeddings": 1}
+    assert [service.rows(table) for table in TABLES] == [2, 1, 1]
     assert service.client.delete(f"/shapes/{one['id']}").status_code == 204
-    assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
+    assert [service.rows(table) for table in TABLES] == [1, 1, 1]
     assert service.client.get(f"/shapes/{two['id']}/file").content == small_file(0)
     assert service.client.get(f"/shapes/{two['id']}/embedding").status_code == 200
     assert service.client.delete(f"/shapes/{two['id']}").status_code == 204
-    assert _rows(service) == {"shapes": 0, "blobs": 0, "embeddings": 0}
-
-
-def _rows(service: Running) -> dict[str, int]:
-    with service.container.database.read() as session:
-        return {
-            table: session.connection().exec_driver_sql(f"SELECT count(*) FROM {table}").scalar_one()
-            for table in ("shapes", "blobs", "embeddings")
-        }
+    assert [service.rows(table) for table in TABLES] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -235,7 +230,7 @@ def test_a_signature_of_another_length_is_not_stored(
         patch.setattr(work, "embed", shorter)
         answer = upload(service.client, small_file(1), "short.off")
     assert "signature" in assert_problem(answer, 500, "internal-error")["detail"]
-    assert _rows(service) == {"shapes": 1, "blobs": 1, "embeddings": 1}
+    assert [service.rows(table) for table in TABLES] == [1, 1, 1]
     results = query(service.client, small_file(0)).json()["results"]
     assert [result["shape"]["id"] for result in results] == [kept["id"]]
 

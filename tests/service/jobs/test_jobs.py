@@ -6,13 +6,12 @@ import os
 import threading
 import time
 import zipfile
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from uuid import uuid4
 
 import pytest
-from sqlalchemy import func, select, update
+from sqlalchemy import select, update
 
 from service.collection import DEFAULT_COLLECTION
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
@@ -49,26 +48,6 @@ def clean(service: Running) -> Running:
         assert service.client.delete(f"/jobs/{each['id']}").status_code == 204
     service.clear()
     return service
-
-
-def rows(running: Running, table: type) -> int:
-    with running.container.database.read() as session:
-        return session.scalar(select(func.count()).select_from(table)) or 0
-
-
-@pytest.fixture
-def held(clean: Running, monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
-    """Shapes are stored only when this is set."""
-    go_on = threading.Event()
-    store = shapes_service._store
-
-    def wait_and_store(*arguments: object) -> object:
-        go_on.wait(300)
-        return store(*arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(shapes_service, "_store", wait_and_store)
-    yield go_on
-    go_on.set()
 
 
 def archives(running: Running) -> list[Path]:
@@ -177,7 +156,7 @@ def test_fields_that_cannot_be_used(clean: Running) -> None:
         assert_problem(send(clean.client, archive, **fields), 422, "bad-request-fields")
     assert_problem(clean.client.post("/jobs", json={}), 415, "unsupported-media-type")
     assert_problem(clean.client.post("/jobs", files={"other": archive}), 422, "bad-request-fields")
-    assert rows(clean, JobRow) == 0
+    assert clean.rows(JobRow) == 0
 
 
 @on_both
@@ -319,7 +298,7 @@ def test_a_job_that_is_deleted_is_cancelled_and_forgotten(clean: Running, held: 
         assert_problem(clean.client.request(method, f"/jobs/{job_id}{address}"), 404, "job-not-found")
     assert stored(clean) == {}
     wait_until(lambda: not archives(clean), seconds=30)
-    assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
+    assert clean.rows(JobRow) == clean.rows(JobFileRow) == 0
 
 
 def test_requests_come_before_files(clean: Running, held: threading.Event) -> None:
@@ -432,7 +411,7 @@ def test_leftovers_are_cleared(clean: Running) -> None:
     assert job(clean.client, job_id)["state"] == "done"
     jobs.clear(timedelta(hours=24))
     assert_problem(clean.client.get(f"/jobs/{job_id}"), 404, "job-not-found")
-    assert rows(clean, JobRow) == rows(clean, JobFileRow) == 0
+    assert clean.rows(JobRow) == clean.rows(JobFileRow) == 0
     assert len(stored(clean)) == 1
 
 
@@ -451,7 +430,7 @@ def test_an_archive_that_cannot_be_written_is_no_job(
     with pytest.raises(error):
         jobs.receive(Broken(), DEFAULT_COLLECTION.number, "a", (), {})
     assert archives(clean) == []
-    assert rows(clean, JobRow) == 0
+    assert clean.rows(JobRow) == 0
 
 
 def test_archives_are_beside_the_database_or_in_the_folder_of_the_settings(tmp_path: Path) -> None:

@@ -5,11 +5,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.shapes import service as shapes_service
 from service.storage.tables import JobRow
 from tests.service.http.test_disconnects import send as send_part
 from tests.service.jobs.support import begun, causes, ended, pack, send
-from tests.service.jobs.test_jobs import rows
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
 
 ARCHIVE = 20_000
@@ -60,19 +58,12 @@ def test_a_file_above_the_limit_is_refused(strict: Running) -> None:
     assert causes(strict.client, job_id) == {"large.off": "member-too-large"}
 
 
-def test_so_many_jobs_and_no_more(strict: Running, monkeypatch: pytest.MonkeyPatch) -> None:
-    go_on, store = threading.Event(), shapes_service._store
-
-    def wait_and_store(*arguments: object) -> object:
-        go_on.wait(300)
-        return store(*arguments)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(shapes_service, "_store", wait_and_store)
+def test_so_many_jobs_and_no_more(strict: Running, held: threading.Event) -> None:
     ids = [begun(strict.client, pack({f"{number}.off": small_file(number)})) for number in (1, 2)]
-    before = rows(strict, JobRow)
+    before = strict.rows(JobRow)
     assert_problem(send(strict.client, pack({"3.off": small_file(3)})), 503, "busy")
-    assert rows(strict, JobRow) == before
-    go_on.set()
+    assert strict.rows(JobRow) == before
+    held.set()
     for job_id in ids:
         assert ended(strict.client, job_id)["counts"]["stored"] == 1
     assert ended(strict.client, begun(strict.client, pack({"3.off": small_file(3)})))["state"] == "done"

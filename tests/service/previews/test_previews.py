@@ -7,7 +7,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
-from sqlalchemy import func, select, update
+from sqlalchemy import update
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
@@ -18,6 +18,7 @@ from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import NOTHING, SIZES, camera, draw, nearest_triangles, upright
 from service.storage.checksums import checksum_of
 from service.storage.tables import ThumbnailRow
+from tests.core.shapes import icosphere
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
 
@@ -35,23 +36,6 @@ def plain_nearest(corners: np.ndarray, size: int) -> np.ndarray:
                     best = shares @ triangle[:, 2]
                     seen[i, j] = f
     return seen
-
-
-def ball(rings: int, around: int) -> Mesh:
-    polar = np.pi * np.arange(1, rings)[:, None] / rings
-    turn = 2 * np.pi * np.arange(around)[None] / around
-    grid = np.stack(
-        np.broadcast_arrays(np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)), -1
-    )
-    points = np.vstack([grid.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
-    north, south, faces = len(points) - 2, len(points) - 1, []
-    for j in range(around):
-        k = (j + 1) % around
-        faces += [[north, j, k], [south, (rings - 2) * around + k, (rings - 2) * around + j]]
-        for i in range(rings - 2):
-            a, b = i * around + j, i * around + k
-            faces += [[a, a + around, b], [b, a + around, b + around]]
-    return Mesh(points, np.array(faces))
 
 
 def pixels(png: bytes) -> np.ndarray:
@@ -91,7 +75,7 @@ def test_triangles_without_area_are_not_seen() -> None:
 
 @pytest.mark.parametrize("size", SIZES[::3])
 def test_a_ball_is_drawn_as_a_disc(size: int) -> None:
-    drawn = pixels(draw(ball(60, 60), "off", size))
+    drawn = pixels(draw(icosphere(5), "off", size))
     assert drawn.shape == (size, size, 4)
     # Its diameter is 92 % of the picture's side.
     assert drawn[..., 3].sum() / 255 == pytest.approx(np.pi / 4 * (0.92 * size) ** 2, rel=0.01)
@@ -103,7 +87,7 @@ def test_a_ball_is_drawn_as_a_disc(size: int) -> None:
 
 def test_faces_in_front_hide_faces_behind() -> None:
     towards = camera()[2] @ upright("off")
-    inner = ball(20, 20)
+    inner = icosphere(3)
     # A larger ball, nearer to the eye, hides the small one.
     both = Mesh(
         np.vstack([0.2 * inner.vertices - 3 * towards, inner.vertices]),
@@ -114,7 +98,7 @@ def test_faces_in_front_hide_faces_behind() -> None:
 
 
 def test_up_is_z_and_in_obj_and_glb_y() -> None:
-    turned = Mesh(ball(12, 12).vertices * [1, 2, 3], ball(12, 12).faces)
+    turned = Mesh(icosphere(2).vertices * [1, 2, 3], icosphere(2).faces)
     standing = Mesh(turned.vertices @ upright("ply").T, turned.faces)
     assert draw(turned, "ply", 64) == draw(standing, "obj", 64)
     tall = pixels(draw(turned, "stl", 64))[..., 3].any(axis=1).sum()
@@ -124,7 +108,7 @@ def test_up_is_z_and_in_obj_and_glb_y() -> None:
 
 @pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])
 def test_units_do_not_matter(scale: float) -> None:
-    mesh = ball(12, 12)
+    mesh = icosphere(2)
     moved = Mesh(scale * (mesh.vertices + 5), mesh.faces)
     assert np.abs(pixels(draw(moved, "off", 64)) - pixels(draw(mesh, "off", 64))).mean() < 1.0
     tree, (points,), _ = read_glb(make_preview(moved, "off", FACES))
@@ -134,14 +118,14 @@ def test_units_do_not_matter(scale: float) -> None:
 
 
 def test_a_preview_is_a_glb_that_is_read_upright() -> None:
-    mesh = Mesh(ball(12, 12).vertices * [1, 2, 3], ball(12, 12).faces)
+    mesh = Mesh(icosphere(2).vertices * [1, 2, 3], icosphere(2).faces)
     read = read_mesh(make_preview(mesh, "stl", FACES), "glb")
     assert np.array_equal(read.faces, mesh.faces)
     assert np.abs(read.vertices - mesh.vertices @ upright("stl").T / 3).max() < 1e-6
 
 
 def test_a_large_mesh_is_simplified_though_its_faces_share_no_vertices() -> None:
-    mesh = ball(100, 100)
+    mesh = icosphere(5)
     soup = Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
     shown = read_mesh(make_preview(soup, "stl", 2_000), "glb")
     assert 1_000 < len(shown.faces) <= 2_200
@@ -165,7 +149,7 @@ def test_points_give_their_colour_to_what_is_near() -> None:
 
 
 def test_parts_lie_side_by_side() -> None:
-    mesh = ball(8, 8)
+    mesh = icosphere(2)
     part = GlbPart("one", "off", mesh.vertices, mesh.faces)
     across = np.sort(read_mesh(write_glb([part, part]), "glb").vertices[:, 0])
     left, right = across[: len(mesh.vertices)], across[len(mesh.vertices) :]
@@ -201,13 +185,9 @@ def test_a_thumbnail_goes_with_the_last_shape_that_has_the_file(service: Running
     ids = [service.store(small_file(2), name=name)["id"] for name in ("a.off", "b.off")]
     assert service.client.get(f"/shapes/{ids[0]}/thumbnail.png").status_code == 200
 
-    def kept() -> int:
-        with service.container.database.read() as session:
-            return session.scalar(select(func.count()).select_from(ThumbnailRow))
-
     for shape_id, left in zip(ids, (1, 0), strict=True):
         service.client.delete(f"/shapes/{shape_id}")
-        assert kept() == left
+        assert service.rows(ThumbnailRow) == left
 
 
 @pytest.mark.parametrize("what", ["thumbnail.png", "preview.glb"])

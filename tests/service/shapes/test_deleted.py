@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import delete, update
 
 from core.parameters import DEFAULT
 from service.client import Client
@@ -34,17 +34,6 @@ def service(keeping: Running) -> Running:
     return keeping
 
 
-def blobs(running: Running) -> int:
-    with running.container.database.read() as session:
-        return session.scalar(select(func.count()).select_from(BlobRow)) or 0
-
-
-def deleted(running: Running) -> int:
-    """Return the number of deleted shapes that are not erased."""
-    with running.container.database.read() as session:
-        return session.scalar(select(func.count()).where(~NOT_DELETED)) or 0
-
-
 def age(running: Running, days: float) -> None:
     """Have what was deleted have been deleted so long ago."""
     with running.container.database.write() as session:
@@ -57,17 +46,17 @@ def test_a_deletion_for_good_frees_its_room_at_once(service: Running) -> None:
     client = service.client
     shape = service.store(small_file(1), "bird.off")
     assert client.delete(f"/shapes/{shape['id']}", params={"permanent": "true"}).status_code == 204
-    assert (blobs(service), deleted(service)) == (0, 0)
+    assert (service.rows(BlobRow), service.rows(ShapeRow, ~NOT_DELETED)) == (0, 0)
     assert client.get("/deleted").json()["total"] == 0
     assert_problem(client.post(f"/shapes/{shape['id']}/restore"), 404, "shape-not-found")
     kept = service.store(small_file(1), "bird.off")
     assert_problem(client.delete(f"/shapes/{kept['id']}?permanent=maybe"), 422, "bad-request-fields")
     with Client(str(client.base_url)) as own:
         own.delete(kept["id"])
-        assert (blobs(service), deleted(service)) == (1, 1)
+        assert (service.rows(BlobRow), service.rows(ShapeRow, ~NOT_DELETED)) == (1, 1)
         own.restore(kept["id"])
         own.delete(kept["id"], permanent=True)
-    assert (blobs(service), deleted(service)) == (0, 0)
+    assert (service.rows(BlobRow), service.rows(ShapeRow, ~NOT_DELETED)) == (0, 0)
 
 
 def test_a_deleted_shape_is_gone_until_it_is_restored(service: Running) -> None:
@@ -130,14 +119,13 @@ def test_nothing_finds_or_counts_a_deleted_shape(service: Running) -> None:
     with database.read() as session:
         assert pipelines.count_embedded(session, DEFAULT.fingerprint) == (2, 2)
     # The file stays for the shape that has it; erased with the last one.
-    assert blobs(service) == 2
+    assert service.rows(BlobRow) == 2
     assert client.delete(f"/shapes/{twin['id']}").status_code == 204
     with database.read() as session:
         assert pipelines.count_embedded(session, DEFAULT.fingerprint) == (1, 1)
     purge_old(database, timedelta(0))
-    assert blobs(service) == 1
-    with database.read() as session:
-        assert session.scalar(select(func.count()).select_from(EmbeddingRow)) == 1
+    assert service.rows(BlobRow) == 1
+    assert service.rows(EmbeddingRow) == 1
 
 
 def test_a_restored_shape_is_embedded_by_the_pipeline_that_is_active_by_then(service: Running) -> None:
@@ -193,9 +181,9 @@ def test_a_purged_or_too_old_shape_cannot_be_restored(service: Running) -> None:
         age(service, DAYS + 0.1)
         assert list(client.deleted()) == []
         assert_problem(service.client.post(f"/shapes/{ids[1]}/restore"), 404, "shape-not-found")
-        assert deleted(service) == 1
+        assert service.rows(ShapeRow, ~NOT_DELETED) == 1
         purge_old(service.container.database, timedelta(days=DAYS))
-        assert deleted(service) == 0
+        assert service.rows(ShapeRow, ~NOT_DELETED) == 0
 
 
 def test_deleted_shapes_are_listed_in_the_order_of_their_deletion(service: Running) -> None:
@@ -218,5 +206,5 @@ def test_without_days_nothing_is_kept(shared: Running) -> None:
     shared.clear()
     shape = shared.store(small_file(1))
     shared.client.delete(f"/shapes/{shape['id']}")
-    assert deleted(shared) == 0
+    assert shared.rows(ShapeRow, ~NOT_DELETED) == 0
     assert shared.client.get("/deleted").json()["shapes"] == []

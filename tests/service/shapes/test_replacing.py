@@ -1,7 +1,6 @@
 """Another file in the place of a shape's own."""
 
 import httpx
-from sqlalchemy import func, select
 
 from service.client import Client
 from service.storage.tables import BlobRow, EmbeddingRow
@@ -13,11 +12,6 @@ pytestmark = on_both
 
 def put(running: Running, shape_id: str, data: bytes, name: str = "a.off", **headers: str) -> httpx.Response:
     return running.client.put(f"/shapes/{shape_id}/file", files={"file": (name, data)}, headers=headers)
-
-
-def rows(running: Running, table: type[BlobRow] | type[EmbeddingRow]) -> int:
-    with running.container.database.read() as session:
-        return session.scalar(select(func.count()).select_from(table)) or 0
 
 
 def nearest(running: Running, data: bytes) -> str:
@@ -48,7 +42,7 @@ def test_the_shape_is_of_the_new_file_and_keeps_the_rest(service: Running) -> No
     assert file.headers["etag"] == answer.headers["etag"] == f'"{replaced["sha256"]}"'
     assert nearest(service, small_file(2)) == "bird.off"
     assert service.client.get("/shapes").json()["shapes"][0]["id"] == other["id"]
-    assert rows(service, BlobRow) == rows(service, EmbeddingRow) == 2
+    assert service.rows(BlobRow) == service.rows(EmbeddingRow) == 2
 
 
 def test_bytes_that_another_shape_has_stay(service: Running) -> None:
@@ -57,7 +51,7 @@ def test_bytes_that_another_shape_has_stay(service: Running) -> None:
     assert put(service, one["id"], small_file(2)).status_code == 200
     assert service.client.get(f"/shapes/{two['id']}/file").content == small_file(1)
     assert put(service, one["id"], small_file(1)).json()["facts"] == two["facts"]
-    assert rows(service, BlobRow) == rows(service, EmbeddingRow) == 1
+    assert service.rows(BlobRow) == service.rows(EmbeddingRow) == 1
     service.client.patch(f"/shapes/{one['id']}", json={"name": "x.off"})
     again = put(service, one["id"], small_file(1)).json()
     assert again == service.client.get(f"/shapes/{one['id']}").json()

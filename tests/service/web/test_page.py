@@ -5,12 +5,10 @@ import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
 
-import httpx
 import pytest
 
-from service.auth.keys import digest_of
 from service.web import endpoints as assets
-from tests.service.support import Running, assert_problem, serving, settings_in
+from tests.service.support import Running, assert_problem
 
 ROOT = Path(__file__).parents[3]
 STATIC = ROOT / "service" / "web" / "static"
@@ -120,20 +118,3 @@ def test_a_file_is_sent_packed_or_not_and_once(shared: Running, name: str) -> No
 )
 def test_no_other_file_is_sent(shared: Running, name: str) -> None:
     assert_problem(shared.client.get(f"/page/{name}"), 404, "not-found")
-
-
-def test_where_there_are_keys_a_visitor_has_the_page_and_no_data(tmp_path: Path) -> None:
-    settings = settings_in(tmp_path, workers=1, api_keys=(digest_of("isoshape_key"),))
-    with serving(settings, ready=False) as running:
-        client = running.client
-        page = client.get("/")
-        assert page.status_code == 200
-        assert 'id="sign-in-form"' in page.text
-        assert client.get("/page/main.js").status_code == 200
-        for address in ("/shapes", "/shapes/x/view", "/shapes/x/thumbnail.png", "/shapes/x/preview.glb"):
-            assert_problem(client.get(address), 401, "unauthorized")
-        assert_problem(client.post("/preview"), 401, "unauthorized")
-        entries = client.post("/session", headers={"x-api-key": "isoshape_key"})
-        assert entries.json() == {"access": "full", "signed_in": True}
-        assert client.get("/shapes").status_code == 200
-        assert httpx.get(f"{client.base_url}/shapes").status_code == 401
