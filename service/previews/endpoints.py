@@ -33,7 +33,10 @@ log = get_logger("pictures")
 MESH = RequestBody(MeshUpload)
 
 WORK_PROBLEMS = (*READ_PROBLEMS, *WORKER_PROBLEMS, "shape-not-found")
-GLB = {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}}
+GLB: dict[str, Any] = {
+    "description": f"A GLB of at most about {FACES} faces.",
+    "content": {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}},
+}
 KNOWN: dict[int | str, dict[str, Any]] = {
     304: {"description": "The client has it already: its If-None-Match has the ETag."}
 }
@@ -75,11 +78,7 @@ async def read_thumbnail(
     "/shapes/{shape_id}/preview.glb",
     summary="Get a preview of a shape",
     response_class=Response,
-    responses={
-        200: {"description": f"A GLB of at most about {FACES} faces.", "content": GLB},
-        **KNOWN,
-        **documented(*WORK_PROBLEMS),
-    },
+    responses={200: GLB, **KNOWN, **documented(*WORK_PROBLEMS)},
 )
 async def read_preview(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection
@@ -103,10 +102,7 @@ async def read_preview(
     "/preview",
     summary="Get a preview of a file, without storing it",
     response_class=Response,
-    responses={
-        200: {"description": f"A GLB of at most about {FACES} faces.", "content": GLB},
-        **documented(*FILE_PROBLEMS, "storage-full"),
-    },
+    responses={200: GLB, **documented(*FILE_PROBLEMS, "storage-full")},
     openapi_extra=MESH.openapi,
 )
 async def make_preview(

@@ -117,8 +117,8 @@ def test_unknown_variables_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) 
         load_settings()
     assert "ISOSHAPE_LOG_LEVEL" not in str(refused.value)
 
-
-def test_no_suggestion_is_made_where_nothing_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("ISOSHAPE_WORKER", "ISOSHAPE_DATABASE"):
+        monkeypatch.delenv(name)
     monkeypatch.setenv("ISOSHAPE_QQQQ", "3")
     with pytest.raises(SettingsError, match=r"^unknown settings: ISOSHAPE_QQQQ; docs/settings.md"):
         load_settings()
@@ -160,14 +160,10 @@ def test_a_value_out_of_range_is_refused_by_name(
         load_settings()
 
 
-def test_parameters_come_from_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "parameters.json"
+def test_parameters_come_from_a_file_and_without_a_name_are_called_as_it(tmp_path: Path) -> None:
+    path = tmp_path / "few samples.json"
     path.write_text(DEFAULT.to_json())
     assert load_parameters(str(path)) == DEFAULT
-
-
-def test_parameters_without_a_name_are_called_as_their_file(tmp_path: Path) -> None:
-    path = tmp_path / "few samples.json"
     path.write_text('{"sampling": {"samples": 60}}')
     parameters = load_parameters(str(path))
     assert (parameters.name, parameters.sampling.samples) == ("few samples", 60)

@@ -5,7 +5,6 @@ import errno
 import select
 import shutil
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -94,17 +93,22 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Folder:
     return made
 
 
+def connected(running: Running, request: str, key: str, *headers: str, body: bytes = b"") -> socket.socket:
+    """A connection on which the head of a request has been sent, and the beginning of its body."""
+    url = running.client.base_url
+    connection = socket.create_connection((url.host, url.port))
+    lines = [f"{request} HTTP/1.1", "Host: localhost", f"X-API-Key: {key}", *headers, "", ""]
+    connection.sendall("\r\n".join(lines).encode() + body)
+    return connection
+
+
 def begin(
     running: Running, path: str, length: int, sent: int, *, key: str = READ, name: str = "a.off"
 ) -> socket.socket:
     """A connection on which a form with a file has begun to arrive, unless it is refused meanwhile."""
-    url = running.client.base_url
-    connection = socket.create_connection((url.host, url.port))
     head = f'--b\r\nContent-Disposition: form-data; name="file"; filename="{name}"\r\n\r\n'
-    connection.sendall(
-        f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {key}\r\n"
-        f"Content-Type: multipart/form-data; boundary=b\r\nContent-Length: {length}\r\n\r\n{head}".encode()
-    )
+    headers = "Content-Type: multipart/form-data; boundary=b", f"Content-Length: {length}"
+    connection = connected(running, f"POST {path}", key, *headers, body=head.encode())
     with suppress(ConnectionError):
         for start in range(0, sent, 65536):
             connection.sendall(b"x" * min(65536, sent - start))
@@ -134,12 +138,8 @@ def test_a_body_that_stops_is_given_up(running: Running, path: str, sent: int) -
 
 @pytest.mark.parametrize("length", [100, 60_000])
 def test_json_that_stops_is_given_up(running: Running, length: int) -> None:
-    url = running.client.base_url
-    with socket.create_connection((url.host, url.port)) as connection:
-        connection.sendall(
-            f"POST /compare HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {READ}\r\n"
-            f'Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n{{"first": '.encode()
-        )
+    headers = "Content-Type: application/json", f"Content-Length: {length}"
+    with connected(running, "POST /compare", READ, *headers, body=b'{"first": ') as connection:
         assert_problem(answer(connection), 408, "request-timeout")
 
 
@@ -167,19 +167,15 @@ def test_a_body_of_a_few_bytes_at_a_time_is_given_up(running: Running) -> None:
 
 
 @pytest.mark.parametrize(
-    ("sent", "status", "kind"),
+    ("header", "chunks", "status", "kind"),
     [
-        (b"Content-Length: 5\r\n\r\n", 408, "request-timeout"),
-        (b"Transfer-Encoding: chunked\r\n\r\n" + b"1000\r\n" + b"x" * 4096 + b"\r\n", 408, "request-timeout"),
-        (
-            b"Transfer-Encoding: chunked\r\n\r\n" + (b"1000\r\n" + b"x" * 4096 + b"\r\n") * 20,
-            413,
-            "body-too-large",
-        ),
+        ("Content-Length: 5", 0, 408, "request-timeout"),
+        ("Transfer-Encoding: chunked", 1, 408, "request-timeout"),
+        ("Transfer-Encoding: chunked", 20, 413, "body-too-large"),
     ],
 )
 def test_a_body_that_is_refused_while_a_query_runs_is_a_problem(
-    running: Running, monkeypatch: pytest.MonkeyPatch, sent: bytes, status: int, kind: str
+    running: Running, monkeypatch: pytest.MonkeyPatch, header: str, chunks: int, status: int, kind: str
 ) -> None:
     """A GET has no use for a body, but may have one."""
     shape = running.store(small_file(1))["id"]
@@ -188,10 +184,8 @@ def test_a_body_that_is_refused_while_a_query_runs_is_a_problem(
         await asyncio.sleep(60)
 
     monkeypatch.setattr(search_endpoints, "with_active_pipeline", slow)
-    url = running.client.base_url
-    with socket.create_connection((url.host, url.port)) as connection:
-        head = f"GET /shapes/{shape}/similar HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {READ}\r\n"
-        connection.sendall(head.encode() + sent)
+    body = (b"1000\r\n" + b"x" * 4096 + b"\r\n") * chunks
+    with connected(running, f"GET /shapes/{shape}/similar", READ, header, body=body) as connection:
         assert_problem(answer(connection), status, kind)
 
 
@@ -265,18 +259,12 @@ def test_stalled_archives_of_one_key_leave_places_for_others(tmp_path: Path) -> 
 def test_an_endless_body_that_nobody_reads_ends_with_the_answer(
     running: Running, path: str, key: str, status: int
 ) -> None:
-    url = running.client.base_url
-    sent, over = 0, threading.Event()
-    with socket.create_connection((url.host, url.port)) as connection:
+    sent = 0
+    with connected(running, f"POST {path}", key, "Transfer-Encoding: chunked") as connection:
         connection.settimeout(20)
-        head = f"POST {path} HTTP/1.1\r\nHost: localhost\r\nX-API-Key: {key}\r\nTransfer-Encoding: chunked"
-        connection.sendall(head.encode() + b"\r\n\r\n")
         assert int(connection.recv(64).split()[1]) == status
-        try:
+        with suppress(OSError):
             while sent < 50 * MB:
                 connection.sendall(b"10000\r\n" + b"x" * 65536 + b"\r\n")
                 sent += 65536
-        except OSError:
-            over.set()
-    assert over.is_set()
     assert sent < 10 * MB
