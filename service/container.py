@@ -24,9 +24,8 @@ class Container:
 
     `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
     set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
-    the number of the embedding. `judging`
-    has the shapes that are compared with others to find near-identical ones, and whether the search is for
-    variants.
+    the number of the embedding. `judging` has the shapes that are compared with others to find near-identical
+    ones, and whether the search is for variants.
     """
 
     settings: Settings

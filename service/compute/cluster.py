@@ -41,18 +41,10 @@ dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
 
 
 class ClusterPool(Executor):
-    """The workers of a Dask cluster.
+    """The workers of the Dask cluster whose scheduler has an address.
 
-    Parameters
-    ----------
-    address : str
-        The address of the scheduler.
-    parameters : Parameters
-        The parameters that workers are warmed up for.
-    seconds : float
-        The time limit of a task; after it, the future raises `TaskTimeLimitError`.
-    replaced : callable
-        Called whenever a task causes the replacement of a process, with the cause: "died" or "time-limit".
+    Workers are warmed up for `parameters`. `seconds` and `replaced` are those of `LocalPool`; no cause is
+    "given-up".
     """
 
     def __init__(
@@ -247,21 +239,10 @@ _making = threading.Lock()
 
 
 def run(payload: bytes, parameters: Parameters, seconds: float) -> bytes:
-    """Call a function in a process of this worker.
+    """Call a function in a process of this worker, and return (True, result) or (False, error), pickled.
 
-    Parameters
-    ----------
-    payload : bytes
-        The pickled function and its arguments; the scheduler does not unpickle them.
-    parameters : Parameters
-        The parameters that new processes are warmed up for.
-    seconds : float
-        The time limit of the call.
-
-    Returns
-    -------
-    bytes
-        Pickled: (True, result) or (False, error).
+    The payload is the pickled function with its arguments: the scheduler does not unpickle them. New
+    processes are warmed up for `parameters`; a call may take `seconds`.
     """
     function, arguments = pickle.loads(payload)
     task = _pool(parameters, seconds).submit(function, *arguments)

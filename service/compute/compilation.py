@@ -50,11 +50,7 @@ def compile_kernels(
 ) -> bool:
     """Compile the kernels of some parameters, unless they are compiled; return whether this process did.
 
-    Parameters
-    ----------
-    parameters : Parameters
-    advance : callable
-        Called several times a second with the number of compiled functions, and of all.
+    `advance` is called several times a second with the number of compiled functions, and of all.
     """
     if is_compiled(parameters):
         return False

@@ -80,10 +80,7 @@ landlock, seccomp = _imported("landlock"), _imported("pyseccomp")
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
     """Read a file within `seconds` of processor time; the system ends the process after that time.
 
-    Returns
-    -------
-    bytes
-        Of `mesh_from_bytes` in `service.compute.reader_answers`: nothing that a reader returns is unpickled.
+    Nothing that a reader returns is unpickled: `service.compute.reader_answers.mesh_from_bytes` reads it.
 
     Raises
     ------
@@ -98,17 +95,9 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
 
 
 def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
-    """Read the parts of an assembly and write each as a 3MF, within `seconds` of processor time.
+    """Read the parts of an assembly and write each as a 3MF, in the way of `read_file`.
 
-    Returns
-    -------
-    bytes
-        Of `parts_from_bytes` in `service.compute.reader_answers`.
-
-    Raises
-    ------
-    MeshError
-        The file cannot be used; the subclass says why.
+    `service.compute.reader_answers.parts_from_bytes` reads the bytes.
     """
     _limit_time(seconds)
     with _converting(format):
@@ -204,12 +193,7 @@ def _null_device() -> int:
 def forbid_files() -> bool:
     """Refuse every file of this thread, and of the threads that it starts, by its path (Landlock); for good.
 
-    Files in memory, which have no path, can be opened.
-
-    Returns
-    -------
-    bool
-        Whether the kernel does so.
+    Files in memory, which have no path, can be opened. Return whether the kernel does so.
     """
     if landlock is None:
         return False
@@ -224,17 +208,8 @@ def forbid_files() -> bool:
 def allow_calls(*, opening: bool) -> bool:
     """Refuse all system calls but `ALLOWED` to this process, and new privileges (seccomp); for good.
 
-    A refused call fails with EPERM.
-
-    Parameters
-    ----------
-    opening : bool
-        Whether files may be opened: where `forbid_files` holds, files in memory only.
-
-    Returns
-    -------
-    bool
-        Whether the kernel does so.
+    A refused call fails with EPERM. With `opening`, files may be opened: where `forbid_files` holds, files in
+    memory only. Return whether the kernel does so.
     """
     if seccomp is None:
         return False

@@ -42,14 +42,9 @@ def serve(connection: "Connection[Any, Any]", *, untrusted: bool = False) -> Non
     """Answer calls, one after another, until the other end of the pipe closes.
 
     A call is (function, arguments); the answer is (True, result) or (False, error), pickled. Libraries get
-    one thread: the pool already has a process for each processor.
-
-    Parameters
-    ----------
-    connection : Connection
-    untrusted : bool
-        Whether answers have the plain form of `encode`. The first call then starts the thread of
-        `end_with_parent`, once that thread would be confined.
+    one thread: the pool already has a process for each processor. Answers of an untrusted process have the
+    plain form of `encode`; its first call starts the thread of `end_with_parent`, once that thread would be
+    confined.
     """
     os.nice(NICENESS)
     for name in THREADS:

@@ -22,13 +22,9 @@ PRIME, FIRST, SECOND = 2**31 - 1, 1_103_515_245, 654_435_761
 def sampled(shapes: Ints) -> Ints:
     """Return indices of the shapes of a sample, shape (min(n, SAMPLE),): those of least hash, ascending.
 
-    The hash depends on the number alone, so a set of shapes has the same sample in every process, and at most
-    one sampled shape changes when a shape is stored or deleted.
-
-    Parameters
-    ----------
-    shapes : int64, shape (n,)
-        Numbers of the shapes of a collection.
+    `shapes` has the n numbers of the shapes of a collection. The hash depends on the number alone, so a set
+    of shapes has the same sample in every process, and at most one sampled shape changes when a shape is
+    stored or deleted.
     """
     if len(shapes) <= SAMPLE:
         return np.argsort(shapes)
@@ -43,16 +39,8 @@ def sampled(shapes: Ints) -> Ints:
 class CollectionSample:
     """The sample of a collection, with the densities that were measured in it.
 
-    Attributes
-    ----------
-    embeddings : int64, shape (m,)
-        Numbers of the embeddings of the sampled shapes.
-
-    Parameters
-    ----------
-    embeddings : int64, shape (m,)
-    sample : DensitySample
-        The descriptors of those that can be read.
+    `embeddings` has the numbers of the embeddings of the sampled shapes, shape (m,). The density sample has
+    the descriptors of those that can be read.
     """
 
     def __init__(self, embeddings: Ints, sample: DensitySample) -> None:

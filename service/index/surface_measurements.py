@@ -35,8 +35,8 @@ class MeasuredShapes:
 
     def index_of(self, shape: int) -> int | None:
         """Return the index of a shape; None if it is not there."""
-        place = int(np.searchsorted(self.shapes, shape))
-        return place if place < len(self.shapes) and self.shapes[place] == shape else None
+        index = int(np.searchsorted(self.shapes, shape))
+        return index if index < len(self.shapes) and self.shapes[index] == shape else None
 
 
 class SurfaceMeasurements:
@@ -62,15 +62,14 @@ class SurfaceMeasurements:
             for number, facts in repository.facts_since(session, self._revision):
                 self._facts[number] = _numbers(facts)
             self._revision = revision
-            found = self._measured(entries)
-            self._known = index, revision, found
-            return found
+            measured = self._measured(entries)
+            self._known = index, revision, measured
+            return measured
 
     def _measured(self, entries: repository.IndexEntries) -> MeasuredShapes:
-        stored = entries.shapes.tolist()
+        stored = set(entries.shapes.tolist())
         if len(self._facts) > 2 * len(stored):
-            here = set(stored)
-            self._facts = {number: facts for number, facts in self._facts.items() if number in here}
+            self._facts = {number: facts for number, facts in self._facts.items() if number in stored}
         order = np.argsort(entries.shapes)
         order = order[[number in self._facts for number in entries.shapes[order].tolist()]]
         shapes = entries.shapes[order]

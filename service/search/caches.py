@@ -93,17 +93,14 @@ class CandidateReader:
             for number in numbers
             if number not in match_records or (descriptors and number not in described)
         ]
-        for number, record in self.records(missing).items():
-            try:
-                if number not in match_records:
-                    embedding = embedding_from_bytes(record)
-                    match_records[number] = match_record(embedding, self._parameters)
-                    self._match_records.put(number, match_records[number])
-                if descriptors and number not in described:
-                    described[number] = descriptors_from_bytes(record)
-                    self._descriptors.put(number, described[number])
-            except CoreError:
-                continue
+        records = self.records(missing)
+        for number in [number for number in records if number not in match_records]:
+            with suppress(CoreError):
+                match_records[number] = match_record(embedding_from_bytes(records[number]), self._parameters)
+                self._match_records.put(number, match_records[number])
+        if descriptors:
+            new = {number: record for number, record in records.items() if number not in described}
+            described |= _described(self._descriptors, new)
         return match_records, described
 
     def descriptors(self, numbers: Sequence[int]) -> dict[int, ShapeDescriptors]:
@@ -212,15 +209,13 @@ class CacheWarmer:
             if self._container.pool.pids():
                 # Requests report a lost worker and unreachable storage.
                 with suppress(ServiceError):
-                    parameters = (await _whole(run_in_threadpool(self._active))).pipeline.parameters
+                    reading = self._container.database.reading(self._container.pipelines.current)
+                    active_pipeline = await _whole(reading)
+                    parameters = active_pipeline.pipeline.parameters
                     records = await self._container.queue.do(example_records, parameters)
                     await _whole(run_in_threadpool(warm_comparing, records, parameters))
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
-
-    def _active(self) -> ActivePipeline:
-        with self._container.database.read() as session:
-            return self._container.pipelines.current(session)
 
     def _missing(self) -> tuple[ActivePipeline, list[int], list[int]]:
         """Return the embeddings that the caches of points and of match records lack and have room for."""

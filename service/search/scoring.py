@@ -239,18 +239,9 @@ def class_log_odds(
 ) -> Floats:
     """Compute the log odds that a query and each of c embeddings are of one class, shape (c,).
 
-    They are the least for embeddings without descriptors or CC, which were deleted meanwhile.
-
-    Parameters
-    ----------
-    query : Query
-    candidates : Candidates
-        Local densities are those in their sample; without one, typical.
-    embeddings : list of int
-        Numbers of c embeddings.
-    described : dict
-        Descriptors by number.
-    cc, sim : float64, shape (c,)
+    They are the least for embeddings without descriptors or CC, which were deleted meanwhile. `embeddings`
+    has the numbers of the embeddings and `described` descriptors by number; `cc` and `sim` have shape (c,).
+    Local densities are those in the sample of the candidates; without one, typical.
     """
     present = [i for i, number in enumerate(embeddings) if number in described and not np.isnan(cc[i])]
     log_odds = np.full(len(embeddings), -np.inf)

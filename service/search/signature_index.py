@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ class MemoryIndex:
     """The signatures of all shapes that the active pipeline has embedded, in memory.
 
     `widening` is the factor by which more neighbours are looked for than remain after the ranking by log
-    odds. `PostgresIndex` has the same methods, as its selection has those of `MemorySelection`.
+    odds. `PostgresIndex` has the same methods, and its selection those of `MemorySelection`.
     """
 
     table: SignatureTable
@@ -213,7 +213,11 @@ class PostgresSelection:
         return EF_SEARCH
 
 
-def signature_index(container: Container, active_pipeline: ActivePipeline) -> MemoryIndex | PostgresIndex:
+SignatureIndex: TypeAlias = MemoryIndex | PostgresIndex
+"""An index of signatures: both have the same methods."""
+
+
+def signature_index(container: Container, active_pipeline: ActivePipeline) -> SignatureIndex:
     """Return the index that the settings name: in memory, or in PostgreSQL."""
     if container.settings.signatures == "database":
         return PostgresIndex(active_pipeline.fingerprint)

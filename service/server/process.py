@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Self
 
 from service.client import Client
@@ -97,17 +97,9 @@ def sigterm_exits() -> Iterator[None]:
 
 
 class ChildService:
-    """`isoshape serve` on a loopback port.
+    """`isoshape serve` on a loopback port, with settings added to the environment.
 
-    The process starts with the object and ends with its `with` block.
-
-    Parameters
-    ----------
-    port : int
-    settings : mapping
-        Variables added to the environment.
-    quiet : bool
-        Whether the output of the process is dropped.
+    The process starts with the object and ends with its `with` block. `quiet`: its output is dropped.
     """
 
     def __init__(self, port: int, settings: Mapping[str, str], *, quiet: bool = False) -> None:
@@ -121,12 +113,7 @@ class ChildService:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._process.terminate()
         try:
             self._process.wait(2 * SHUTDOWN_SECONDS)

@@ -17,25 +17,27 @@ from typing import Self
 from service.errors import ArchiveServedError, StorageUnavailableError
 
 
-class _FileLock:
-    """A lock on a file beside an archive, from the construction of the object to `release`.
-
-    Parameters
-    ----------
-    archive : Path
-        The file of the archive, which may be missing, as may its folder.
-    ending : str
-        The end of the lock file's name.
-    flags, operation : int
-        How the lock file is opened (`os.open`), and locked (`fcntl.flock`).
+class ArchiveLock:
+    """The lock of a process that uses an archive, until `release`: shared or, with `alone`, exclusive.
 
     Raises
     ------
     StorageUnavailableError
-        The lock file cannot be created.
+        Another process holds a lock that excludes this one, or the lock file cannot be created.
     """
 
-    def __init__(self, archive: Path, ending: str, flags: int, operation: int) -> None:
+    def __init__(self, archive: Path, *, alone: bool = False) -> None:
+        operation = fcntl.LOCK_EX if alone else fcntl.LOCK_SH
+        if not self._take(archive, "-lock", os.O_RDONLY, operation):
+            self.release()
+            who = "a service, or a command, is using it" if alone else "another is being put in its place"
+            raise StorageUnavailableError(f"the archive cannot be used now: {who}")
+
+    def _take(self, archive: Path, ending: str, flags: int, operation: int) -> bool:
+        """Lock a file beside an archive, both of which may be missing; return whether that succeeds.
+
+        The lock file is opened with `flags` (`os.open`) and locked by `operation` (`fcntl.flock`).
+        """
         archive = archive.resolve()
         try:
             archive.parent.mkdir(parents=True, exist_ok=True)
@@ -44,14 +46,9 @@ class _FileLock:
             raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
         try:
             fcntl.flock(self._descriptor, operation | fcntl.LOCK_NB)
-        except OSError as error:
-            refusal = self._refusal(archive)
-            self.release()
-            raise refusal from error
-
-    def _refusal(self, archive: Path) -> Exception:
-        """Return the error about a process that holds the lock."""
-        raise NotImplementedError
+        except OSError:
+            return False
+        return True
 
     def __enter__(self) -> Self:
         return self
@@ -64,25 +61,7 @@ class _FileLock:
         os.close(self._descriptor)
 
 
-class ArchiveLock(_FileLock):
-    """The lock of a process that uses an archive: shared or, with `alone`, exclusive.
-
-    Raises
-    ------
-    StorageUnavailableError
-        Another process holds a lock that excludes this one, or the lock file cannot be created.
-    """
-
-    def __init__(self, archive: Path, *, alone: bool = False) -> None:
-        self._alone = alone
-        super().__init__(archive, "-lock", os.O_RDONLY, fcntl.LOCK_EX if alone else fcntl.LOCK_SH)
-
-    def _refusal(self, archive: Path) -> Exception:
-        who = "a service, or a command, is using it" if self._alone else "another is being put in its place"
-        return StorageUnavailableError(f"the archive cannot be used now: {who}")
-
-
-class ServingLock(_FileLock):
+class ServingLock(ArchiveLock):
     """The lock of the one process that serves an archive; its file names that process and its `address`.
 
     Raises
@@ -94,13 +73,12 @@ class ServingLock(_FileLock):
     """
 
     def __init__(self, archive: Path, address: str) -> None:
-        super().__init__(archive, "-serving", os.O_RDWR, fcntl.LOCK_EX)
+        if not self._take(archive, "-serving", os.O_RDWR, fcntl.LOCK_EX):
+            owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
+            self.release()
+            raise ArchiveServedError(f"{archive.resolve()} is already served by {owner or 'another process'}")
         os.truncate(self._descriptor, 0)
         os.pwrite(self._descriptor, f"process {os.getpid()} at {address}\n".encode(), 0)
-
-    def _refusal(self, archive: Path) -> Exception:
-        owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
-        return ArchiveServedError(f"{archive} is already served by {owner or 'another process'}")
 
 
 # Files beside the database with which SQLite completes or rolls back an interrupted transaction.

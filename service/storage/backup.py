@@ -22,21 +22,10 @@ LOCK_SECONDS = 60.0
 
 
 def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckReport:
-    """Copy a running archive into a file.
+    """Copy a running archive into a file, which replaces another only if told so; return the copy's content.
 
     The copy shows one moment. With a rollback journal, writers wait while rows are copied, but not while the
     copy is checked.
-
-    Parameters
-    ----------
-    archive, target : Path
-    replace : bool
-        Whether an existing file may be replaced.
-
-    Returns
-    -------
-    CheckReport
-        The content of the copy.
 
     Raises
     ------
@@ -59,18 +48,9 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckRepor
 
 
 def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckReport:
-    """Replace an archive that no process uses with a backup.
+    """Replace an archive that no process uses with a backup, and return the content of the backup.
 
-    Parameters
-    ----------
-    backup, archive : Path
-    replace : bool
-        Whether an archive with shapes, or a file of another kind, may be replaced.
-
-    Returns
-    -------
-    CheckReport
-        The content of the restored archive.
+    With `replace`, an archive with shapes, or a file of another kind, may be replaced.
 
     Raises
     ------

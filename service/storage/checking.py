@@ -83,16 +83,8 @@ REFERENCES = {
 class CheckReport:
     """The content of an archive and its faults.
 
-    Attributes
-    ----------
-    shapes, blobs, embeddings : int
-        Numbers of rows that were read.
-    bytes : int
-        Total size of the blobs.
-    pipelines : dict
-        Number of embeddings of each pipeline fingerprint.
-    faults : list of str
-        Each names the row or file that it concerns; empty for a sound archive.
+    `bytes` is the total size of the blobs, and `pipelines` has the number of embeddings of each fingerprint.
+    Each fault names the row or file that it concerns; a sound archive has none.
     """
 
     shapes: int = 0

@@ -45,14 +45,8 @@ def whole_file(data: bytes, digest: str) -> bytes:
 def shape_checksum(columns: Mapping[str, Any], tags: Sequence[str], values: Iterable[tuple[str, str]]) -> str:
     """Return the checksum of a shape: its columns, its tags in their order, and its metadata for filters.
 
-    Parameters
-    ----------
-    columns : mapping
-        `SHAPE_COLUMNS` and `SHAPE_TIMES`, as the database gives them: JSON as objects or as text, times as
-        such or as the text of SQLite.
-    tags : sequence of str
-    values : iterable of (str, str)
-        Keys and values.
+    The columns are `SHAPE_COLUMNS` and `SHAPE_TIMES`, as the database gives them: JSON as objects or as text,
+    times as such or as the text of SQLite. `values` has keys and values of the metadata.
     """
     content = {
         **{name: columns[name] for name in SHAPE_COLUMNS},

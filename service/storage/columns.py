@@ -4,7 +4,7 @@ SQLite stores a vector as bytes; PostgreSQL stores it as a `vector` of pgvector,
 """
 
 from datetime import UTC, datetime
-from typing import Any, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +52,15 @@ def _sent_as_bytes(element: _AsBytes, compiler: Any, **options: object) -> str: 
     return f"vector_send({compiler.process(element.clauses, **options)})"
 
 
-_Item = TypeVar("_Item", bound=np.generic)
-
-
-class _Vector(TypeDecorator[NDArray[_Item]]):
-    """A vector of numbers, shape (s,), returned bit for bit as stored."""
+class Vector(TypeDecorator[NDArray[Any]]):
+    """A vector of float32 or of bytes, shape (s,), returned bit for bit as stored."""
 
     impl = LargeBinary
     cache_ok = True
-    item: np.dtype[_Item]
+
+    def __init__(self, item: Literal["<f4", "u1"]) -> None:
+        super().__init__()
+        self.item = item
 
     def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[Any]:
         """Return the column type of the dialect."""
@@ -70,34 +70,20 @@ class _Vector(TypeDecorator[NDArray[_Item]]):
         """Return the expression that a query selects."""
         return _AsBytes(column, self)
 
-    def process_bind_param(self, value: NDArray[_Item] | None, dialect: Dialect) -> bytes | str | None:
+    def process_bind_param(self, value: NDArray[Any] | None, dialect: Dialect) -> bytes | str | None:
         """Return the little-endian bytes of the vector, or its text."""
         if value is None:
             return None
         vector = np.ascontiguousarray(value, dtype=self.item)
         return vector_text(vector) if dialect.name == POSTGRESQL else vector.tobytes()
 
-    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[_Item] | None:
+    def process_result_value(self, value: bytes | None, dialect: Dialect) -> NDArray[Any] | None:
         """Decode a vector; pgvector sends big-endian floats after its length and two empty bytes."""
         if value is None:
             return None
         if dialect.name == POSTGRESQL:
             return np.frombuffer(value, dtype=">f4", offset=4).astype(self.item)
         return np.frombuffer(value, dtype=self.item)
-
-
-class Float32Vector(_Vector[np.float32]):
-    """A vector of float32."""
-
-    cache_ok = True
-    item = np.dtype("<f4")
-
-
-class ByteVector(_Vector[np.uint8]):
-    """A vector of bytes."""
-
-    cache_ok = True
-    item = np.dtype(np.uint8)
 
 
 def vector_text(vector: NDArray[Any]) -> str:

@@ -37,16 +37,11 @@ def has_view_signature(length: int) -> ColumnElement[bool]:
 def ensure_hnsw(
     session: WriteSession, fingerprint: str, *, m: int = M, ef_construction: int = EF_CONSTRUCTION
 ) -> bool:
-    """Build the HNSW indexes of a pipeline unless they exist with these parameters.
+    """Build a pipeline's HNSW indexes unless they exist with these parameters; return whether one was built.
 
     One is of its signatures. The other is of the view signatures of all pipelines that have views of one
     length. The lengths of the vectors come from stored ones: without any, and on SQLite, no index is built.
     Other writers wait until the indexes are complete.
-
-    Returns
-    -------
-    bool
-        Whether an index was built.
     """
     if session.get_bind().dialect.name != POSTGRESQL:
         return False

@@ -15,7 +15,7 @@ from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, Uniqu
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.checksums import LENGTH
-from service.storage.columns import AnyText, ByteVector, Float32Vector, Number, UtcDateTime
+from service.storage.columns import AnyText, Number, UtcDateTime, Vector
 
 _WHERE_NOT_DELETED: dict[str, Any] = {
     f"{dialect}_where": text("deleted_at IS NULL") for dialect in ("sqlite", "postgresql")
@@ -145,7 +145,7 @@ class EmbeddingRow(Table):
     blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number", ondelete="CASCADE"))
     format: Mapped[str] = mapped_column(String(8))
     fingerprint: Mapped[str] = mapped_column(String(16))
-    signature: Mapped[NDArray[np.float32]] = mapped_column(Float32Vector)
+    signature: Mapped[NDArray[np.float32]] = mapped_column(Vector("<f4"))
     record: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
     checksum: Mapped[str] = mapped_column(String(LENGTH), deferred=True)
 
@@ -168,7 +168,7 @@ class CoarseSamplesRow(Table):
     )
     data: Mapped[bytes] = mapped_column(LargeBinary)
     signature: Mapped[bytes] = mapped_column(LargeBinary)
-    view_signature: Mapped[NDArray[np.uint8]] = mapped_column(ByteVector)
+    view_signature: Mapped[NDArray[np.uint8]] = mapped_column(Vector("u1"))
     reliability: Mapped[float]
     checksum: Mapped[str] = mapped_column(String(LENGTH))
 

@@ -168,26 +168,18 @@ def test_a_cancelled_task_that_has_begun_holds_up_nothing(workers: Pool) -> None
     assert workers.submit(add, 1, 1).result(timeout=60) == 2
 
 
-def test_a_task_that_is_cancelled_while_it_runs_is_stopped() -> None:
+@pytest.mark.parametrize(("seconds", "stopped"), [(600, True), (0.2, False)])
+def test_a_task_that_is_cancelled_while_it_runs_is_stopped_unless_it_ends_shortly(
+    seconds: float, stopped: bool
+) -> None:
     with LocalPool(1, seconds=600, warm=warm) as pool:
-        slow, next_one = pool.submit(nap, 600), pool.submit(add, 1, 1)
-        wait_until(slow.running, seconds=60)
+        task, next_one = pool.submit(nap, seconds), pool.submit(add, 1, 1)
+        wait_until(task.running, seconds=60)
         before = pool.pids()
-        assert not slow.cancel()
+        assert not task.cancel()
         assert next_one.result(timeout=60) == 2
-        assert isinstance(slow.exception(), TaskGivenUpError)
-        assert pool.pids() != before
-
-
-def test_a_cancelled_task_that_ends_shortly_leaves_the_process() -> None:
-    with LocalPool(1, seconds=600, warm=warm) as pool:
-        short = pool.submit(nap, 0.2)
-        wait_until(short.running, seconds=60)
-        before = pool.pids()
-        assert not short.cancel()
-        assert pool.submit(add, 1, 1).result(timeout=60) == 2
-        assert short.result() is None
-        assert pool.pids() == before
+        assert isinstance(task.exception(), TaskGivenUpError) == stopped
+        assert (pool.pids() != before) == stopped
 
 
 def test_ready_while_idle_and_while_busy(pool: LocalPool) -> None:

@@ -57,52 +57,35 @@ def test_the_least_recently_used_goes_first() -> None:
     assert [found[0] for found in cache.get([4, 3, 1]).values()] == [4, 3, 1]
 
 
-def test_an_array_put_again_takes_its_room_once() -> None:
+def test_the_room_is_that_of_the_values() -> None:
     cache = EmbeddingCache(1200)
-    for _ in range(3):
-        cache.put(1, array(1))
-    cache.put(1, array(2, 50))
+    for value in (array(1), array(1), array(2, 50)):
+        cache.put(1, value)
     assert (len(cache), cache.nbytes) == (1, 200)
     assert cache.get([1])[1][0] == 2
-
-
-def test_an_array_longer_than_all_the_room_is_not_kept() -> None:
-    cache = EmbeddingCache(300)
-    cache.put(1, array(1))
-    assert (len(cache), cache.nbytes) == (0, 0)
-    assert EmbeddingCache(0).free_count() == 0
-    assert EmbeddingCache(300, len, 30).free_count() == 10
-
-
-def test_with_less_room_the_oldest_go() -> None:
-    cache = EmbeddingCache(1200)
-    for number in (1, 2, 3):
+    cache.put(2, array(1, 400))
+    assert cache.missing([1, 2]) == [2]
+    for number in (2, 3, 4):
         cache.put(number, array(number))
+    assert cache.missing([1, 2, 3, 4]) == [1]
     cache.resize(800)
-    assert cache.missing([1, 2, 3]) == [1]
-    cache.resize(-5)
-    assert (len(cache), cache.nbytes) == (0, 0)
-    cache.resize(400)
-    cache.put(4, array(4))
-    assert cache.missing([4]) == []
-
-
-def test_only_what_is_named_is_kept() -> None:
-    cache = EmbeddingCache(1200)
-    for number in (1, 2, 3):
-        cache.put(number, array(number))
-    cache.keep(np.array([3, 1, 7]))
-    assert cache.missing([1, 2, 3]) == [2]
-    assert (len(cache), cache.nbytes) == (2, 800)
+    assert cache.missing([2, 3, 4]) == [2]
+    cache.keep(np.array([4, 7]))
+    assert (cache.missing([3, 4]), len(cache), cache.nbytes) == ([3], 1, 400)
     cache.keep(np.empty(0, dtype=np.int64))
     assert (len(cache), cache.nbytes) == (0, 0)
+    cache.resize(-5)
+    cache.put(4, array(4))
+    assert len(cache) == 0
 
 
-def test_free_count_go_by_the_arrays_that_are_there() -> None:
+def test_the_free_count_goes_by_the_values_that_are_there() -> None:
     cache = EmbeddingCache(10 * ABOUT)
     assert cache.free_count() == 10
     cache.put(1, array(1, ABOUT // 8))
     assert cache.free_count() == 19
+    assert EmbeddingCache(0).free_count() == 0
+    assert EmbeddingCache(300, len, 30).free_count() == 10
 
 
 def test_many_threads_at_once() -> None:

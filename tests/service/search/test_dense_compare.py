@@ -86,22 +86,19 @@ def test_files_give_the_same_as_ids(shared: Running, ids: tuple[str, str], answe
     assert shared.client.get("/shapes").json()["total"] == before
 
 
-def test_files_are_compared_by_their_scores_alone(
+def test_the_option_is_taken_in_the_body_too(
     shared: Running, ids: tuple[str, str], answer: dict[str, Any]
 ) -> None:
-    found = shared.client.post("/compare", data={"first": ids[0]}, files={"second": ("x.off", OTHER)})
-    assert found.status_code == 200, found.text
-    assert found.json()["cc"] == answer["cc"]
-    assert found.json()["vertices"] is None
-
-
-def test_the_option_is_taken_in_the_body_too(shared: Running, ids: tuple[str, str]) -> None:
     body = {"first": ids[0], "second": ids[1], "dense": True}
     assert shared.client.post("/compare", json=body).json()["vertices"]
     off = {**body, "dense": False}
     assert shared.client.post("/compare?dense=true", json=off).json()["vertices"] is None
-    form = {"data": {"first": ids[0], "dense": "true"}, "files": {"second": ("x.off", OTHER)}}
-    assert shared.client.post("/compare", **form).json()["vertices"]
+    for option in ({}, {"dense": "true"}):
+        data, files = {"first": ids[0], **option}, {"second": ("x.off", OTHER)}
+        found = shared.client.post("/compare", data=data, files=files)
+        assert found.status_code == 200, found.text
+        assert found.json()["cc"] == answer["cc"]
+        assert found.json()["vertices"] == (answer["vertices"] if option else None)
 
 
 def test_an_archive_has_the_arrays(shared: Running, ids: tuple[str, str], answer: dict[str, Any]) -> None:

@@ -87,10 +87,3 @@ def test_ranking_is_a_stable_sort_by_likeness(by: RankBy) -> None:
     order = ranked(matched_of(shapes, cc, ssd, sim, log_odds), by)
     value = {"cc": -cc, "ssd": ssd, "sim": -sim, "combined": -log_odds}[by]
     assert order.tolist() == sorted(range(n), key=lambda i: (value[i], ssd[i], shapes[i]))
-
-
-def test_a_near_copy_that_was_stored_first_comes_after_the_shape_itself() -> None:
-    ones = np.ones(3)
-    matched = matched_of(np.array([7, 8, 9]), ones, np.array([1e-7, 0.0, 0.0]), ones, ones)
-    for by in ("cc", "sim", "combined"):
-        assert ranked(matched, by).tolist() == [1, 2, 0]

@@ -46,8 +46,3 @@ def test_the_size_is_told_where_it_differs() -> None:
 )
 def test_near_one_a_score_has_as_many_digits_as_tell(score: float, text: str) -> None:
     assert score_in_words(score) == text
-
-
-def test_different_scores_near_one_are_told_apart() -> None:
-    scores = [1.0 - 10.0**-power for power in range(1, 8)]
-    assert len({score_in_words(score) for score in scores}) == len(scores)
