@@ -11,7 +11,7 @@ import pytest
 
 from service.compute import request_queue as work_module
 from service.search import scoring
-from tests.service.calls import assert_recovered, reads, the_kept
+from tests.service.calls import Calls, assert_recovered, reads, the_kept
 from tests.service.processes import runs
 from tests.service.support import (
     Running,
@@ -41,23 +41,22 @@ def kept(frail: Running) -> str:
     return the_kept(frail)
 
 
+def calls(frail: Running, kept: str) -> Calls:
+    """What can be asked; the upload and the query need an embedding."""
+    return reads(frail, kept) | {
+        "upload": lambda: upload(frail.client, small_file(2), "lost.off"),
+        "query": lambda: query(frail.client, small_file(2)),
+    }
+
+
 @pytest.mark.parametrize(
-    ("task", "name"),
-    [
-        ("embed_mesh", "upload"),
-        ("embed_mesh", "query"),
-        ("match_embeddings", "compare"),
-    ],
+    ("task", "name"), [("embed_mesh", "upload"), ("embed_mesh", "query"), ("match_embeddings", "compare")]
 )
 def test_a_worker_that_is_killed(
     frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch, task: str, name: str
 ) -> None:
     pool = frail.container.pool
     wait_until(pool.pids, seconds=60)
-    calls = reads(frail, kept) | {
-        "upload": lambda: upload(frail.client, small_file(2), "lost.off"),
-        **({"query": lambda: query(frail.client, small_file(2))} if task == "embed_mesh" else {}),
-    }
 
     def kill() -> None:
         wait_until(lambda: napping(pool), seconds=60)
@@ -67,7 +66,7 @@ def test_a_worker_that_is_killed(
     with monkeypatch.context() as patch:
         patch.setattr(work_module, task, nap_instead)
         killer.start()
-        assert_problem(calls[name](), 503, "worker-lost")
+        assert_problem(calls(frail, kept)[name](), 503, "worker-lost")
     killer.join()
     assert_recovered(frail, kept)
 
@@ -87,20 +86,13 @@ def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> 
     ],
 )
 def test_a_worker_without_memory(
-    frail: Running,
-    kept: str,
-    monkeypatch: pytest.MonkeyPatch,
-    task: str,
-    name: str,
-    status: int,
-    kind: str,
+    frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch, task: str, name: str, status: int, kind: str
 ) -> None:
     wait_until(frail.container.pool.pids, seconds=60)
     before = frail.container.pool.pids()
-    calls = reads(frail, kept) | {"upload": lambda: upload(frail.client, small_file(2), "lost.off")}
     with monkeypatch.context() as patch:
         patch.setattr(work_module, task, run_out_of_memory)
-        assert "memory" in assert_problem(calls[name](), status, kind)["detail"]
+        assert "memory" in assert_problem(calls(frail, kept)[name](), status, kind)["detail"]
     assert frail.container.pool.pids() == before
     assert_recovered(frail, kept)
 
