@@ -3,8 +3,6 @@
 import json
 import pickle
 import re
-import subprocess
-import sys
 
 import pytest
 from pydantic import ValidationError
@@ -101,19 +99,6 @@ def test_each_parameter_and_the_method_version_change_the_fingerprint(monkeypatc
     assert len({DEFAULT.fingerprint, PAPER.fingerprint, *changed}) == len(EACH) + 2
     monkeypatch.setattr("core.parameters.METHOD_VERSION", 99)
     assert Parameters().fingerprint not in {DEFAULT.fingerprint, *changed}
-
-
-def test_another_process_has_the_same_fingerprints():
-    code = "from core.parameters import *; print(DEFAULT.fingerprint, PAPER.fingerprint)"
-    for seed in ("1", "2"):
-        out = subprocess.run(
-            [sys.executable, "-c", code],
-            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        assert out.split() == [DEFAULT.fingerprint, PAPER.fingerprint]
 
 
 @pytest.mark.parametrize("parameters", [DEFAULT, PAPER, DEFAULT.with_values(name="other", **OTHER)])

@@ -1,9 +1,6 @@
 """The gallery: sound surfaces of the right kind, drawn from a seed, and the fields they come from."""
 
-import hashlib
 import itertools
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -78,22 +75,6 @@ def test_poses_and_proportions_vary(gallery, label):
     assert len({len(mesh.vertices) for mesh in meshes}) > POSES // 2
     assert np.ptp(np.log([mesh.area for mesh in meshes])) > 1
     assert np.linalg.norm(np.ptp([mesh.centroid for mesh in meshes], axis=0)) > 1
-
-
-def test_the_same_seed_gives_the_same_bytes_in_another_process(gallery):
-    program = (
-        "import hashlib\n"
-        "from core.gallery import CLASSES, make_shape\n"
-        "sha = hashlib.sha256()\n"
-        "for shape in (make_shape(label, 0) for label in CLASSES):\n"
-        "    sha.update(shape.vertices.tobytes() + shape.faces.tobytes())\n"
-        "print(sha.hexdigest())"
-    )
-    other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    sha = hashlib.sha256()
-    for first, *_ in gallery.values():
-        sha.update(first.vertices.tobytes() + first.faces.tobytes())
-    assert other.stdout.strip() == sha.hexdigest()
 
 
 def test_another_seed_and_another_pose_give_another_shape(gallery):

@@ -102,13 +102,6 @@ def test_many_are_compared_in_one_order_as_their_steps_say(shapes):
         assert np.array_equal(scores, expected_scores)
 
 
-def test_one_shape_is_matched_with_itself_without_a_search(shapes):
-    for x in shapes:
-        scores, rotation = compare(x, x)
-        assert np.array_equal(rotation, np.eye(2 * K))
-        assert scores.tolist() == [1.0, 0.0, 1.0]
-
-
 def degenerate():
     rng = np.random.default_rng(1)
     points = cloud(rng, 60, K)
