@@ -46,7 +46,7 @@ class MeshParameters(Group):
     ----------
     fill_holes : float
         A hole is closed if a disc with the hole's perimeter covers at most this share of the area of its
-        component; 0 closes none. See `core.mesh.hole_filling`.
+        component; 0 closes none. See `core.mesh.preparation`.
     refine_vertices : int
         Long edges are split until the mesh is as fine as an even mesh of this many vertices; 0 splits only
         as far as the samples need.
@@ -59,7 +59,7 @@ class MeshParameters(Group):
         Long edges of a simplified mesh are split until it is as fine as an even mesh of this many vertices; 0
         treats it as any other mesh.
     smooth_above : float
-        A mesh is smoothed if its `core.mesh.denoising.roughness` is above this value; 0 never.
+        A mesh is smoothed if its `core.mesh.preparation.roughness` is above this value; 0 never.
     smooth_rounds : int
         Rounds of Taubin smoothing.
     smooth_refined : bool

@@ -45,7 +45,7 @@ class Placed:
 
 @dataclass
 class Solid:
-    """An object: a mesh, or instances of other objects.
+    """A 3MF object: a mesh, or instances of other objects.
 
     Attributes
     ----------

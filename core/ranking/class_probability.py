@@ -138,11 +138,11 @@ def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
     return [np.log(weight * difference + floor) for difference, floor in zip(values, FLOORS, strict=True)]
 
 
-def offset(differences: PairDifferences) -> Floats:
-    """Return the part of the log odds that is not fitted, shape (...): at most 3.3, 0 where spectra differ.
+def isometry_bonus(differences: PairDifferences) -> Floats:
+    """Return the bonus to the log odds of nearly isometric surfaces, shape (...): 0 to 3.3, not fitted.
 
-    Among nearly isometric surfaces the order follows the eigenvalues. Collections of classes do not show
-    this, since all these surfaces are of one class there.
+    The nearer the eigenvalues, the larger the bonus. Collections of classes cannot show it, since all nearly
+    isometric surfaces are of one class there.
     """
     s = differences.spectral
     return np.asarray(-differences.reliability * np.log((s + FINEST) / (s + FINE)))
@@ -153,7 +153,7 @@ def pooled_log_odds(differences: PairDifferences) -> Floats:
     return np.where(
         differences.part,
         CALIBRATED_PARTS.log_odds(part_features(differences)),
-        CALIBRATED_POOL.log_odds(features(differences)) + offset(differences),
+        CALIBRATED_POOL.log_odds(features(differences)) + isometry_bonus(differences),
     )
 
 

@@ -7,8 +7,6 @@ tells all other pairs apart. Clients import this module, so it imports no arrays
 
 from typing import Literal
 
-from core.registration.kinship import kinship
-
 Likeness = Literal["same", "scaled", "mirrored", "variant", "pose", "similar", "weak"]
 """The likeness of a second shape to a first one.
 
@@ -20,6 +18,12 @@ pose : nearly isometric, as two poses of one body.
 similar : probably of one class.
 weak : none of these.
 """
+
+Copy = Literal["same", "scaled", "mirrored", "variant"]
+"""The likeness of a rigid copy, or of a variant."""
+
+SAME_SIZE = 0.03
+"""Two copies have one size if their scale differs from 1 by at most this."""
 
 NEAR_ISOMETRIC = 0.032
 """Largest spectral distance of two nearly isometric surfaces: the Euclidean distance between the logarithms
@@ -35,6 +39,15 @@ SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
 
 
+def copy_likeness(scale: float, *, mirrored: bool, variant: bool = False) -> Copy:
+    """Return the likeness of a copy; `scale` is length in the second over length in the first."""
+    if variant:
+        return "variant"
+    if mirrored:
+        return "mirrored"
+    return "same" if max(scale, 1.0 / scale) <= 1.0 + SAME_SIZE else "scaled"
+
+
 def likeness(
     *,
     spectral: float,
@@ -46,12 +59,12 @@ def likeness(
 ) -> Likeness:
     """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
-    `spectral` is the distance of their log eigenvalues, >= 0, and `probability` that of one class. If the
-    second is a rigid copy or a variant, `scale` is length in it over length in the first; it may be a copy of
-    the mirror image, or one but for a local difference.
+    `spectral` is the distance of their log eigenvalues, >= 0, and `probability` that of one class. `scale`,
+    length in the second over length in the first, is None unless registration found a copy; `mirrored` and
+    `variant` tell its kind.
     """
     if scale is not None:
-        return kinship(scale, mirrored=mirrored, variant=variant)
+        return copy_likeness(scale, mirrored=mirrored, variant=variant)
     if spectral <= NEAR_ISOMETRIC and cc >= POSE_CC:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

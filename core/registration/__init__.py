@@ -3,4 +3,4 @@
 Two sampled surfaces in; the best similarity transform of one onto the other and its residual out.
 """
 
-__all__ = ["invariants", "kinship", "probed_surface", "rigid_copy", "similarity"]
+__all__ = ["invariants", "probed_surface", "rigid_copy", "similarity"]

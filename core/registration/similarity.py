@@ -118,7 +118,7 @@ def near_rigid(
 
 
 def _best(fits: list[tuple[float, Similarity]], most: float) -> list[Similarity]:
-    """Return transforms with a residual of at most `most`, and not far above the least."""
+    """Return the transforms of residual at most `most`, and at most `RESIDUAL_RATIO` times the least."""
     least = min((residual for residual, _ in fits), default=np.inf)
     return [motion for residual, motion in fits if residual <= min(most, RESIDUAL_RATIO * least)]
 

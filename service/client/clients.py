@@ -12,7 +12,15 @@ from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
 import httpx
 
 from service.client import calls
-from service.client.requests import NO_ANSWER, TIMEOUT, Call, Step, UnreachableError, headers_with, pause
+from service.client.requests import (
+    NO_ANSWER,
+    TIMEOUT,
+    Call,
+    Step,
+    UnreachableError,
+    headers_with,
+    retry_delay,
+)
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -168,7 +176,7 @@ class Client(_Methods):
                     answer = self._http.request(call.method, call.path, **prepared)
                 except NO_ANSWER as fault:
                     raise UnreachableError(f"no answer from {self.url}: {fault}") from fault
-                seconds = pause(answer, attempt)
+                seconds = retry_delay(answer, attempt)
                 if seconds is None:
                     break
                 time.sleep(seconds)
@@ -229,7 +237,7 @@ class AsyncClient(_Methods):
                     answer = await self._http.request(call.method, call.path, **prepared)
                 except NO_ANSWER as fault:
                     raise UnreachableError(f"no answer from {self.url}: {fault}") from fault
-                seconds = pause(answer, attempt)
+                seconds = retry_delay(answer, attempt)
                 if seconds is None:
                     break
                 await asyncio.sleep(seconds)

@@ -221,10 +221,10 @@ def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
     return {"Authorization": f"Bearer {key}", **named} if key else named
 
 
-def pause(answer: httpx.Response, attempt: int) -> float | None:
-    """Return the seconds to wait before the next attempt; None after a success.
+def retry_delay(answer: httpx.Response, attempt: int) -> float | None:
+    """Return the seconds of exponential backoff before the next attempt; None after a success.
 
-    The wait is the one that the service asks for, doubled with each attempt, so that many clients spread out.
+    The first wait is the one that the service asks for; each later one is twice as long.
 
     `attempt` is the number of attempts before this one.
 

@@ -161,7 +161,7 @@ class RequestQueue:
     async def _from_reader(
         self, read: Callable[[bytes, str, Limits, float], bytes], data: bytes, format: str
     ) -> bytes:
-        """Return the answer of a reader, which is not trusted."""
+        """Read a file in a confined process, whose answer is not trusted."""
         reading = self.readers.submit(read, data, format, self.limits, self.read_seconds)
         try:
             return await asyncio.wrap_future(reading)

@@ -98,12 +98,12 @@ def _note() -> str:
 
 
 def encode(result: object) -> bytes:
-    """Return the plain answer with a result: bytes, or a value of JSON."""
+    """Encode a result without pickle: a byte for its form, then the bytes or the JSON."""
     return BYTES + result if isinstance(result, bytes) else VALUE + json.dumps(result).encode()
 
 
 def encode_error(error: Exception, note: str) -> bytes:
-    """Return the plain answer with an error: the name of its class, its message and a note."""
+    """Encode an error without pickle: the name of its class, its message and a note."""
     return ERROR + json.dumps([type(error).__name__, str(error)[:TEXT], note[-TEXT:]]).encode()
 
 

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Set
 from dataclasses import dataclass
 
-from core.registration.kinship import Kinship, kinship
+from core.ranking.likeness import Copy, copy_likeness
 from core.registration.similarity import RESIDUAL
 
 MIN_CC = 0.98
@@ -42,7 +42,7 @@ class GroupMember:
     """A shape of a group, its relation to the first shape, and the cc and residual of its link."""
 
     shape: int
-    likeness: Kinship
+    likeness: Copy
     scale: float
     cc: float
     residual: float
@@ -101,7 +101,7 @@ class Groups:
                 shape = link.second if forward else link.first
                 scale = member.scale * (link.scale if forward else 1.0 / link.scale)
                 reflected, differs = mirrored != link.mirrored, variant or link.variant
-                likeness = kinship(scale, mirrored=reflected, variant=differs)
+                likeness = copy_likeness(scale, mirrored=reflected, variant=differs)
                 neighbour = GroupMember(shape, likeness, scale, link.cc, link.residual)
                 (pending.append if link.variant else pending.appendleft)((neighbour, reflected, differs))
         return [members[shape] for shape in sorted(members)]

@@ -41,7 +41,7 @@ def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> fro
 def unjudged(
     session: ReadSession, search: Search, *, collection: CollectionNumber | None = None, limit: int
 ) -> list[tuple[CollectionNumber, int]]:
-    """Return at most `limit` shapes that are not judged, oldest first, as pairs of collection and number."""
+    """Return at most `limit` shapes whose duplicates are unknown: collection and number, oldest first."""
     query = select(ShapeRow.collection_number, ShapeRow.number).where(
         ShapeRow.number.in_(_unjudged(search, collection))
     )

@@ -149,10 +149,10 @@ def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dic
 
 
 def chain(source: Source, vertices: int, count: int) -> list[tuple[str, Mesh]]:
-    """Return at most `count` meshes with about a number of vertices: two of a class, two of another, ...
+    """Return at most `count` meshes of about `vertices` vertices, two of each class.
 
-    Neighbours are alternately of one class and of two. Classes whose second mesh is nearest in size come
-    first.
+    Consecutive pairs are alternately of one class and of two. The classes whose second mesh is nearest in
+    size come first.
     """
     twos = [Source({label: meshes}).nearest(vertices, 2) for label, meshes in source.classes.items()]
     twos = [two for two in twos if len(two) == 2]

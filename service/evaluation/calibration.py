@@ -24,7 +24,7 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import PART_FEATURES, features, offset, part_features
+from core.ranking.class_probability import PART_FEATURES, features, isometry_bonus, part_features
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
 from service.evaluation.pairwise_scores import Done, PairScores, embed_files, loaded, reason, stored
@@ -183,7 +183,9 @@ def study(
     complete, incomplete = [], []
     for labels, scores in scored:
         differences, part = scores.differences, scores.differences.part
-        complete.append(LabelledPairs(tuple(labels), features(differences), ~part, offset(differences)))
+        complete.append(
+            LabelledPairs(tuple(labels), features(differences), ~part, isometry_bonus(differences))
+        )
         incomplete.append(LabelledPairs(tuple(labels), part_features(differences), part))
     of_complete = leave_class_out(complete)
     of_parts = leave_class_out([*incomplete, *perturbed])

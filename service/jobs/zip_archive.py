@@ -52,7 +52,7 @@ class MalformedArchiveError(ServiceError, kind="malformed-archive"):
 
 
 class ArchiveTooLargeError(ServiceError, kind="archive-too-large"):
-    """The archive exceeds the limits."""
+    """The zip has too many members, or unpacks to too many bytes."""
 
 
 class MemberError(ServiceError):
@@ -216,7 +216,7 @@ def _normalised(path: str) -> str:
 
 
 def _checked_name(path: str) -> str:
-    """Return the last part of a path; raise MemberError unless it can be the name of a shape."""
+    """Return the file name in a path; raise MemberError if no shape can have it, or it is an archive's."""
     try:
         name = clean_name(base_name(path))
     except ValueError as error:

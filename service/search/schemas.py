@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
-from core.registration.kinship import SIZE
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness
 from service.collection import CollectionNumber
 from service.shapes.fields import split_tags
 from service.shapes.listing import Filters
@@ -251,8 +250,8 @@ class PairScores(BaseModel):
     )
     likeness: Likeness = Field(
         description="The property in which the shapes are alike. same: a rigid copy of one size "
-        f"(to {100 * SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of both "
-        "meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, of "
+        f"(to {100 * SAME_SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of "
+        "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, of "
         "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
         "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
         f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}). "

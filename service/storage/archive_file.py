@@ -154,7 +154,7 @@ class DatabaseFile:
 
     @contextmanager
     def room_to_delete(self) -> Iterator[None]:
-        """Release the reserve for the duration of the block if the disk is full."""
+        """Free the reserved space for the block if the disk is full, so that a deletion can be written."""
         released = False
         with suppress(OSError):
             if self._free() < RESERVE_BYTES:

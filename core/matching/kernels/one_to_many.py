@@ -15,8 +15,8 @@ from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
 MATCH_RECORD, POINTS, COARSE_SAMPLES = 0, 1, 2
-"""The form of the others: encoded match records, quantised points (`core.ranking.quantised_points`), or
-coarse samples (`core.ranking.coarse_ranking`)."""
+"""The form of the others: encoded match records, quantised points (`core.ranking.reranking`), or
+coarse samples (there too)."""
 
 FLAT = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""

@@ -111,7 +111,7 @@ def means(lines: list[Line]) -> dict[str, float]:
 
 
 def table(lines: list[Line]) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows, with the means over the paper's categories and over all classes."""
+    """Return Table 2, the paper's accuracies beside those here, with means: headings and rows."""
 
     def row(title: str, here: Mapping[str, float], paper: Sequence[float] = ()) -> list[str]:
         printed = [f"{accuracy:.2f}" for accuracy in paper] or [""] * len(METHODS)

@@ -16,7 +16,7 @@ from core.ranking.class_probability import (
     PART_FEATURES,
     Calibration,
     features,
-    offset,
+    isometry_bonus,
     part_features,
     pooled_log_odds,
     pooled_probability,
@@ -99,7 +99,7 @@ def test_log_odds_order_pairs_of_equal_probability() -> None:
 
 
 def test_the_offset_is_bounded_and_vanishes() -> None:
-    found = offset(
+    found = isometry_bonus(
         differences(4, spectral=np.array([0.0, 0.05, 10.0, 0.0]), reliability=np.array([1, 1, 1, 0.0]))
     )
     assert found[0] == pytest.approx(np.log(FINE / FINEST))

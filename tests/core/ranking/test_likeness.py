@@ -9,10 +9,10 @@ from core.ranking.likeness import (
     NEAR_ISOMETRIC,
     POSE_CC,
     SIMILAR,
+    Copy,
     Likeness,
     likeness,
 )
-from core.registration.kinship import Kinship
 
 FAR = 10.0 * NEAR_ISOMETRIC
 
@@ -38,5 +38,5 @@ def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> N
     assert told(0.0, 0.0, 0.0) == "weak"
 
 
-def test_the_kinships_of_duplicates_are_likenesses() -> None:
-    assert set(get_args(Kinship)) < set(get_args(Likeness))
+def test_the_likenesses_of_copies_are_likenesses() -> None:
+    assert set(get_args(Copy)) < set(get_args(Likeness))

@@ -16,7 +16,7 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
-from core.ranking.class_probability import PART_FEATURES, Calibration, features, offset, part_features
+from core.ranking.class_probability import PART_FEATURES, Calibration, features, isometry_bonus, part_features
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW, densities_in, density_sample
 from service.cli.evaluation import calibrate
@@ -71,7 +71,7 @@ def plain(folder: Path) -> LabelledPairs:
                 spectral_density=np.sqrt(spectral[i] * spectral[j])[None],
                 view_density=np.sqrt(views[i] * views[j])[None],
             )
-            found[i, j], offsets[i, j] = features(dense)[0], offset(dense)[0]
+            found[i, j], offsets[i, j] = features(dense)[0], isometry_bonus(dense)[0]
     return LabelledPairs(tuple(label for _, label in files), found, offsets=offsets)
 
 
