@@ -190,7 +190,7 @@ def directed(plane: Floats, corners: Floats, areas: Floats) -> Floats:
 
 
 def moments_of_plane(corners: NDArray[np.complex128], areas: Floats) -> NDArray[np.complex128]:
-    """Return the integral of z^m over that of |z|^m, the latter by the corners z, for each of `ORDERS`."""
+    """Return the integral of z^m over that of |z|^m, by corners z of shape (f, 3), for each of `ORDERS`."""
     powers = np.ones((3, len(corners)), dtype=complex)
     moments = []
     for order in range(1, ORDERS[-1] + 1):

@@ -79,7 +79,7 @@ def _diagonals(
 
 
 def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
-    """Return the symmetric csr matrix of a graph of `count` vertices, with the shortest of parallel edges."""
+    """Return the symmetric csr matrix of edges, shape (e, 2), with the shortest of parallel ones."""
     low, high = np.minimum(*edges.T), np.maximum(*edges.T)
     order = lexical_order(low, high)
     low, high = low[order], high[order]

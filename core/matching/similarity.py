@@ -22,7 +22,7 @@ def correlation(first: Floats, second: Floats) -> float:
 
 
 def squared_difference(first: Floats, second: Floats) -> float:
-    """Return SSD of paired points (Eq. 18), >= 0.
+    """Return SSD of paired points, both of shape (p, k) (Eq. 18), >= 0.
 
     The root of the sum of squared differences of their coordinates, divided by the number of pairs.
     """

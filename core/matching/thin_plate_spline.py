@@ -24,7 +24,7 @@ def tps_kernel(first: Floats, second: Floats) -> Floats:
 
 
 def mean_pair_distance(points: Floats) -> float:
-    """Return the mean distance between all pairs of different points: the paper's choice for beta."""
+    """Return the mean distance of all pairs of points, shape (m, k): the paper's choice for beta."""
     distances = np.sqrt(((points[:, None, :] - points[None, :, :]) ** 2).sum(axis=2))
     count = len(points)
     return float(distances.sum()) / (count * (count - 1))

@@ -30,7 +30,7 @@ class LewisWeights:
 
 
 def polynomial_basis(x: Floats, y: Floats, degree: int) -> Floats:
-    """Return B of Eq. 8, the monomials x^i y^j with i + j <= degree: (degree + 1)(degree + 2) / 2 columns.
+    """Return B of Eq. 8, x^i y^j with i + j <= degree, shape (n, (degree + 1)(degree + 2) / 2).
 
     x and y are first scaled to [-1, 1], which changes the columns but not their span. Raise ParameterError if
     the degree is below 1 or above 12.
