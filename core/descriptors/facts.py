@@ -116,7 +116,7 @@ def global_descriptors(mesh: Mesh) -> Floats:
 
 @compiled_for_reading
 def signed_volume(vertices: Floats, faces: Ints) -> float:
-    """Compute the volume that faces, shape (f, 3), enclose: tetrahedra from the origin, < 0 for inward faces."""
+    """Compute the volume that faces, shape (f, 3), enclose, by tetrahedra; < 0 for inward faces."""
     total = 0.0
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]

@@ -251,8 +251,8 @@ class PairScores(BaseModel):
     likeness: Likeness = Field(
         description="The property in which the shapes are alike. same: a rigid copy of one size "
         f"(to {100 * SAME_SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of "
-        "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image alone, "
-        "of any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
+        "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image, of "
+        "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
         "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
         f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}). "
         f"similar: the class probability is at least {SIMILAR}, by combined or at the typical density of "
