@@ -38,6 +38,7 @@ from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
 from service.shapes.schemas import EmbeddingArrays, Shape, warnings_of
+from service.storage.database import ReadSession
 
 UNITS = (10.0, 25.4, 1000.0)
 """Millimetres in a centimetre, in an inch and in a metre."""
@@ -319,9 +320,8 @@ async def _unit_warnings(
 ) -> list[str]:
     """Return a warning of the factor with the most similar shape; only if there are some, compare them."""
 
-    def count() -> dict[float, int]:
-        with container.database.read() as session:
-            return {factor: shapes_repository.count(session, shapes.scaled(factor)) for factor in FACTORS}
+    def count(session: ReadSession) -> dict[float, int]:
+        return {factor: shapes_repository.count(session, shapes.scaled(factor)) for factor in FACTORS}
 
     async def made(_: ActivePipeline, __: Timings) -> Query:
         return query
@@ -329,7 +329,7 @@ async def _unit_warnings(
     changes = {"top_k": 1, "rank_by": "cc", "scale": "ignore", "min_cc": None, "correspondences": False}
     options = options.model_copy(update={**changes, "partial": False})
     mistakes: list[tuple[float, int, Result]] = []
-    for factor, number in (await run_in_threadpool(count)).items():
+    for factor, number in (await container.database.reading(count)).items():
         if number:
             scaled = shapes.scaled(factor)
             answer = await search(

@@ -126,8 +126,8 @@ class CandidateReader:
 
 
 def collection_sample(
-    container: Container,
     session: ReadSession,
+    container: Container,
     active_pipeline: ActivePipeline,
     collection: CollectionNumber,
 ) -> CollectionSample:

@@ -169,13 +169,9 @@ async def _compare(
         for given in (first_given, second_given)
     ]
     pipeline = active_pipeline.pipeline
-
-    def read_sample() -> CollectionSample:
-        with container.database.read() as session:
-            return collection_sample(container, session, active_pipeline, collection)
-
     with timings.stage("read"):
-        sample = await run_in_threadpool(read_sample)
+        reading = container.database.reading
+        sample = await reading(collection_sample, container, active_pipeline, collection)
     with timings.stage("compare"):
         match = await container.queue.match(first.record, second.record, pipeline)
         combined = await run_in_threadpool(_combined, first.embedding, second.embedding, match, sample)

@@ -44,7 +44,7 @@ def find_candidates(
     length = container.settings.shortlist_length
     with container.database.read() as session:
         stored = shapes_repository.stored(session, shapes.collection)
-        sample = collection_sample(container, session, query.active_pipeline, shapes.collection)
+        sample = collection_sample(session, container, query.active_pipeline, shapes.collection)
         selection = index.select(session, shapes, query.excluded, stored)
         shortlisted = not options.exhaustive and selection.has(shortlist_from)
         if not shortlisted:

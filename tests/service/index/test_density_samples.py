@@ -23,7 +23,7 @@ SHAPES = 14
 def sample_of(running: Running) -> CollectionSample:
     with running.container.database.read() as session:
         active_pipeline = running.container.pipelines.current(session)
-        return collection_sample(running.container, session, active_pipeline, DEFAULT_COLLECTION.number)
+        return collection_sample(session, running.container, active_pipeline, DEFAULT_COLLECTION.number)
 
 
 def test_a_sample_has_the_shapes_of_least_hash(engine: str) -> None:
