@@ -41,15 +41,7 @@ def is_loopback_name(name: str) -> bool:
 
 
 class Hosts:
-    """The check of the header Host.
-
-    Parameters
-    ----------
-    names : collection of str
-        Names of the service; those of the loopback interface are always among them.
-    any : bool
-        Whether the service answers under every name.
-    """
+    """The check of the header Host: it has one of `names` or of the loopback interface, or `any` name."""
 
     def __init__(self, names: Collection[str], *, any: bool) -> None:
         self._names = frozenset(map(name_in, names))
@@ -74,16 +66,11 @@ class Hosts:
 
 
 class RateLimit:
-    """A rate limit per key: a burst of `per_minute` requests, and as many per minute after it.
+    """A rate limit per key: a burst of `per_minute` requests (0: no limit), and as many per minute after it.
 
     The generic cell rate algorithm (ITU-T I.371) on a monotonic clock stores one number per key and gives the
     exact time of the next admitted request. The library `limits` uses the wall clock and starts a thread per
     request.
-
-    Parameters
-    ----------
-    per_minute : int
-        Requests per minute; 0 is no limit.
     """
 
     def __init__(self, per_minute: int, clock: Callable[[], float] = time.monotonic) -> None:

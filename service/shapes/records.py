@@ -90,20 +90,9 @@ class StoredEmbedding:
 class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 
-    Attributes
-    ----------
-    collection : CollectionNumber
-    tags : tuple of str
-        The shape has each of them.
-    name : str or None
-        The shape's name contains it, in any case.
-    metadata : tuple of (str, str)
-        Keys and values of the shape's metadata.
-    excluded : tuple of str
-        Ids of other shapes.
-    area, volume, length : Range or None
-        Surface area, volume and the largest extent of the bounding box, in units of the file. Open surfaces
-        have no volume.
+    A shape that passes has each of `tags`, a name that contains `name` in any case, the keys and values of
+    `metadata`, and none of the ids `excluded`. Its surface area, volume and largest extent of the bounding
+    box, in units of the file, are in the ranges `area`, `volume` and `length`. Open surfaces have no volume.
     """
 
     collection: CollectionNumber

@@ -153,10 +153,3 @@ def test_more_requests_than_may_wait_are_turned_away(
         assert_problem(first.result(), 503, "worker-lost")
     wait_until(strict.container.pool.pids, seconds=60)
     assert upload(strict.client, small_file(3), "second.off").status_code == 201
-
-
-def test_a_worker_that_dies_idle_costs_no_request(strict: Running) -> None:
-    wait_until(strict.container.pool.pids, seconds=60)
-    os.kill(strict.container.pool.pids()[0], signal.SIGKILL)
-    wait_until(lambda: not strict.container.pool._slots[0]._process.alive(), seconds=10)  # type: ignore[union-attr]
-    assert upload(strict.client, small_file(5), "after.off").status_code == 201

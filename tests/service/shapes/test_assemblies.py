@@ -125,14 +125,6 @@ def test_again_nothing_is_stored_and_what_was_deleted_is_stored_again(service: R
     assert total(service) == 5
 
 
-def test_a_deleted_part_can_be_restored(service: Running) -> None:
-    pin = split(service).json()["parts"][1]
-    assert service.client.delete(f"/shapes/{pin['id']}").status_code == 204
-    restored = service.client.post(f"/shapes/{pin['id']}/restore")
-    assert restored.status_code == 200
-    assert restored.json()["metadata"] == pin["metadata"]
-
-
 def test_parts_of_two_assemblies_share_their_bytes_and_not_their_shapes(service: Running) -> None:
     first, second = (split(service, filename=name).json()["parts"] for name in ("one.step", "two.step"))
     assert [part["sha256"] for part in first] == [part["sha256"] for part in second]
