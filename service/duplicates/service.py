@@ -5,7 +5,6 @@ Shapes are judged in the background while the service is idle, or within a reque
 
 import asyncio
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
 from time import monotonic
 
 import numpy as np
@@ -112,16 +111,18 @@ async def keep_judging(container: Container) -> None:
 
     while not container.comparing_is_ready.is_set():
         await asyncio.sleep(BUSY_SECONDS)
-    finished: _State | None = None
+    reading, pipelines = container.database.reading, container.pipelines
+    finished = None
     while True:
         try:
-            state = await container.database.reading(_state, container.pipelines)
+            state = await reading(_wanted, pipelines)
             if state != finished:
-                for search in state.searches:
+                _, active_pipeline, searches = state
+                for search in searches:
                     while await _judge_some(
-                        container, state.active_pipeline, search, None, idle, container.settings.workers
+                        container, active_pipeline, search, None, idle, container.settings.workers
                     ):
-                        if await container.database.reading(_state, container.pipelines) != state:
+                        if await reading(_wanted, pipelines) != state:
                             break
                 finished = state
         except ServiceError as error:
@@ -205,17 +206,9 @@ async def _idle(container: Container) -> None:
         await asyncio.sleep(BUSY_SECONDS)
 
 
-@dataclass(frozen=True)
-class _State:
-    """The searches that are wanted, of the archive at one revision."""
-
-    revision: int
-    active_pipeline: ActivePipeline
-    searches: tuple[Search, ...]
-
-
-def _state(session: ReadSession, pipelines: Pipelines) -> _State:
+def _wanted(session: ReadSession, pipelines: Pipelines) -> tuple[int, ActivePipeline, list[Search]]:
+    """Return the revision of the archive, its active pipeline, and the searches that are wanted."""
     active_pipeline = pipelines.current(session)
     copies, variants = (Search(active_pipeline.fingerprint, variants) for variants in (False, True))
-    searches = (copies, variants) if repository.has_begun(session, variants) else (copies,)
-    return _State(revision(session), active_pipeline, searches)
+    searches = [copies, variants] if repository.has_begun(session, variants) else [copies]
+    return revision(session), active_pipeline, searches
