@@ -1,4 +1,4 @@
-"""Browsing: filters, order, menus, and ten thousand shapes without a long task."""
+"""Browsing: filters, order, menus, deletion, and ten thousand shapes without a long task."""
 
 import json
 from collections.abc import Iterator
@@ -14,13 +14,11 @@ from service.storage.database import next_revision
 from service.storage.tables import ShapeRow
 from tests.core.dense.solids import plate
 from tests.service.support import Running, serving, settings_in
-from tests.soak.browser.support import Visit, choose, drawn, made
+from tests.soak.browser.support import NAMES, Visit, choose, made, show, stored, visiting
 
 MANY = 10_000
 LONGEST = 50.0
 """Most milliseconds of a task while scrolling."""
-
-FILE_NAMES = [f"{label}-{pose}.ply" for label in ("fish", "glasses") for pose in range(3)]
 
 
 def names(page: Page) -> list[str]:
@@ -28,68 +26,114 @@ def names(page: Page) -> list[str]:
 
 
 def test_the_list_has_an_order_and_filters(visit: Visit, service: Running) -> None:
-    plates = {"small.ply": 1.0, "large.ply": 10.0}
-    for name, scale in plates.items():
+    for name, scale in {"small.ply": 1.0, "large.ply": 10.0}.items():
         mesh = plate([(4, 4)])
         data = write_mesh(Mesh(scale * mesh.vertices, mesh.faces), "ply")
         service.store(data, name, metadata='{"source": "cad"}')
-    length = max(
-        service.client.get("/shapes", params={"name": "large"}).json()["shapes"][0]["facts"]["bounding_box"]
-    )
+    length = max(stored(service, name="large")[0]["facts"]["bounding_box"])
     page = visit.open("browse")
-    expect(page.locator("#gallery li")).to_have_count(8)
-    stored = [shape["name"] for shape in service.client.get("/shapes").json()["shapes"]]
-    assert sorted(stored[:-2]) == FILE_NAMES
-    assert names(page) == [*stored[:-2], *plates]
+    shown = page.locator("#gallery .name")
+    expect(shown).to_have_text([shape["name"] for shape in stored(service)])
     page.select_option("#gallery-sort", "newest")
-    expect(page.locator("#gallery .name").first).to_have_text("large.ply")
+    expect(shown.first).to_have_text("large.ply")
     page.select_option("#gallery-sort", "name")
-    expect(page.locator("#gallery .name").first).to_have_text("fish-0.ply")
-    assert names(page) == sorted([*FILE_NAMES, *plates])
+    expect(shown).to_have_text(sorted([*NAMES, "small.ply", "large.ply"]))
+    page.fill("#gallery-name", "FISH-")
+    expect(shown).to_have_count(3)
+    page.fill("#gallery-name", "")
     page.locator("#gallery-filters summary").click()
+    page.fill("#gallery-tags", "no such tag")
+    expect(page.locator("#gallery-status")).to_have_text("No stored shape matches.")
+    expect(shown).to_have_count(0)
+    page.fill("#gallery-tags", "")
     page.fill("#gallery-metadata", "source=cad")
-    expect(page.locator("#gallery .name")).to_have_text(["large.ply", "small.ply"])
+    expect(shown).to_have_text(["large.ply", "small.ply"])
     page.fill("#gallery-length", f"{0.9 * length:.3f}..{1.1 * length:.3f}")
-    expect(page.locator("#gallery .name")).to_have_text(["large.ply"])
+    expect(shown).to_have_text(["large.ply"])
     expect(page.locator("#gallery-filter-count")).to_have_text("(2)")
     assert "metadata=source%3Dcad" in page.url
     page.reload()
-    expect(page.locator("#gallery .name")).to_have_text(["large.ply"])
+    expect(shown).to_have_text(["large.ply"])
     visit.expected = ["422"]
     page.locator("#gallery-filters summary").click()
     page.fill("#gallery-length", "10-20")
     expect(page.locator("#gallery-error")).to_contain_text("length: ")
 
 
-def test_the_menu_of_a_card(visit: Visit, service: Running) -> None:
+def test_a_shape_is_downloaded_opened_and_shown_alone(visit: Visit) -> None:
     page = visit.open("browse")
     with page.expect_download() as download:
         choose(page, "fish-1.ply", "Download")
     assert download.value.suggested_filename == "fish-1.ply"
     assert Path(download.value.path()).read_bytes() == made("fish", 1)
-    menu = page.locator("#card-menu")
     page.keyboard.press("Escape")
-    expect(menu).to_be_hidden()
-    choose(page, "fish-1.ply", "Delete")
-    expect(page.locator("#gallery li")).to_have_count(5)
-    page.get_by_role("button", name="Undo: restore fish-1.ply").click()
-    expect(page.locator("#gallery li")).to_have_count(6)
+    expect(page.locator("#card-menu")).to_be_hidden()
     choose(page, "fish-2.ply", "Open")
-    expect(page.locator("#title")).to_have_text("fish-2.ply")
+    page.wait_for_selector("#cards canvas[data-drawn]")
+    assert page.title() == page.inner_text("#title") == "fish-2.ply"
+    assert "vertices" in page.inner_text("#cards")
+    page.get_by_role("link", name="All shapes").click()
+    page.wait_for_selector("#start-shapes li")
 
 
-def test_a_shape_deleted_while_the_list_is_loaded_again_does_not_stay(visit: Visit, service: Running) -> None:
+def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
+    before = stored(service)
     page = visit.open("browse")
-    expect(page.locator("#gallery li")).to_have_count(6)
+    for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
+        choose(page, name, "Delete")
+        told = f"{name} was deleted. You can restore it within 7 days."
+        expect(page.locator("#undo")).to_contain_text(told)
+    page.get_by_role("button", name="Undo: restore fish-2.ply").click()
+    expect(page.locator("#undo")).to_have_text("fish-2.ply was restored.")
+    # A restored shape is listed where it was.
+    left = [shape["name"] for shape in before if shape["name"] not in {"fish-1.ply", "glasses-2.ply"}]
+    expect(page.locator("#gallery .name")).to_have_text(left)
+    # Others may have been deleted before; the latest comes first.
+    page.locator("#deleted summary").click()
+    rows, count = page.locator("#deleted-list li"), page.locator("#deleted-count")
+    expect(rows.nth(0)).to_contain_text("glasses-2.ply")
+    expect(rows.nth(1)).to_contain_text("fish-1.ply")
+    total = service.client.get("/deleted").json()["total"]
+    expect(count).to_have_text(str(total))
+    page.get_by_role("button", name="Restore glasses-2.ply").first.click()
+    expect(page.locator("#gallery li")).to_have_count(5)
+    expect(rows.nth(0)).to_contain_text("fish-1.ply")
+    # For good, if that is confirmed.
+    erase = page.get_by_role("button", name="Delete fish-1.ply for good").first
+    erase.click()
+    page.keyboard.press("Escape")
+    expect(count).to_have_text(str(total - 1))
+    erase.click()
+    page.locator("#deletion").get_by_role("button", name="Delete").click()
+    expect(count).to_have_text(str(total - 2))
+    expect(page.locator("#undo")).to_have_text("fish-1.ply was deleted for good.")
+    assert service.client.get("/deleted").json()["total"] == total - 2
+    kept = [shape for shape in before if shape["name"] != "fish-1.ply"]
+    keys = ("id", "tags", "sha256")
+    assert [[shape[key] for key in keys] for shape in stored(service)] == [
+        [shape[key] for key in keys] for shape in kept
+    ]
+
+
+def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
+    visit.expected = ["409"]
+    page = visit.open("browse")
+    choose(page, "fish-1.ply", "Delete")
+    undo = page.get_by_role("button", name="Undo: restore fish-1.ply")
+    undo.wait_for()
+    service.store(made("fish", 1), "fish-1.ply")
+    undo.click()
+    expect(page.locator("#gallery-error")).to_contain_text("name")
+    expect(undo).to_be_visible()
+
+
+def test_a_shape_deleted_while_the_list_is_loaded_again_does_not_stay(visit: Visit) -> None:
+    page = visit.open("browse")
     held: list[Route] = []
-
-    def hold(route: Route) -> None:
-        if route.request.method == "DELETE":
-            held.append(route)
-        else:
-            route.continue_()
-
-    page.route("**/shapes/*", hold)
+    page.route(
+        "**/shapes/*",
+        lambda route: held.append(route) if route.request.method == "DELETE" else route.continue_(),
+    )
     with page.expect_request(lambda request: request.method == "DELETE"):
         choose(page, "fish-1.ply", "Delete")
     page.fill("#gallery-name", "fish")
@@ -99,65 +143,19 @@ def test_a_shape_deleted_while_the_list_is_loaded_again_does_not_stay(visit: Vis
     assert "fish-1.ply" not in names(page)
 
 
-def test_a_search_takes_the_filters_of_the_page(visit: Visit, service: Running, tmp_path: Path) -> None:
-    whole = plate([(4, 4)])
-    service.store(write_mesh(whole, "ply"), "plate.ply", metadata='{"source": "cad"}')
-    service.store(write_mesh(Mesh(25.4 * whole.vertices, whole.faces), "ply"), "inch.ply")
-    query = tmp_path / "query.ply"
-    query.write_bytes(write_mesh(Mesh(whole.vertices[:, [1, 0, 2]] * [1, 1, -1], whole.faces), "ply"))
-    page = visit.find(query)
-    page.locator("#find-filters summary").click()
-    page.fill("#find-metadata", "source=cad")
-    page.keyboard.press("Enter")
-    drawn(page, 2)
-    assert page.locator("#cards h3").nth(1).inner_text() == "1. plate.ply"
-    page.fill("#find-metadata", "")
-    page.keyboard.press("Enter")
-    drawn(page, 4)
-    titles = page.locator("#cards h3")
-    expect(titles).to_contain_text(["query.ply", "plate.ply", "inch.ply", ""])
-    page.get_by_label("Same size as the query").check()
-    expect(page.locator("#cards")).not_to_contain_text("inch.ply")
-    expect(titles.nth(1)).to_have_text("1. plate.ply")
-    page.get_by_label("Same size as the query").uncheck()
-    expect(titles.nth(2)).to_have_text("2. inch.ply")
-    page.fill("#find-cc", "0.999")
-    page.keyboard.press("Enter")
-    drawn(page, 3)
-    for canvas in page.locator("#cards > li").all()[1:]:
-        canvas.locator("summary").click()
-        assert float(canvas.locator("dd").first.inner_text()) >= 0.999
-        assert "×" in canvas.inner_text()
-    page.fill("#find-cc", "")
-    page.get_by_label("The query is a part of a shape").check()
-    expect(page.locator("#find-filter-count")).to_have_text("(1)")
-    assert "partial=true" in page.url
-    drawn(page, 4)
-    # Nothing has this length, but something has it in inches.
-    page.get_by_label("The query is a part of a shape").uncheck()
-    length = max(
-        service.client.get("/shapes", params={"name": "plate"}).json()["shapes"][0]["facts"]["bounding_box"]
-    )
-    page.fill("#find-length", f"{25.4 * 25.4 * length * 0.99}..{25.4 * 25.4 * length * 1.01}")
-    page.keyboard.press("Enter")
-    expect(page.locator("#results-warnings")).to_contain_text("25.4 times")
-
-
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A service with ten thousand shapes, which share the files of a few."""
     with serving(settings_in(tmp_path_factory.mktemp("many"), workers=1)) as running:
-        first = [
-            running.store(made(label, pose), f"{label}.ply") for label in ("fish", "glasses") for pose in (0,)
-        ]
+        for label in ("fish", "glasses"):
+            running.store(made(label, 0), f"{label}.ply")
         with running.container.database.write() as session:
             rows = session.execute(select(ShapeRow.__table__)).mappings().all()
             revision = next_revision(session)
             copies = []
-            for number in range(MANY - len(first)):
-                row = dict(rows[number % len(rows)])
+            for number in range(2, MANY):
                 name = f"part-{number:05d}.ply"
-                del row["number"]
+                row = {key: value for key, value in rows[number % 2].items() if key != "number"}
                 row |= {"id": f"00000000-0000-4000-8000-{number:012d}", "name": name, "folded_name": name}
                 copies.append(row | {"revision": revision, "checksum": ""})
             session.execute(insert(ShapeRow), copies)
@@ -170,35 +168,57 @@ def longest_task(trace: Path) -> float:
     Where other programs share the processor, tasks last longer.
     """
     events = json.loads(trace.read_text())["traceEvents"]
-    names = [event for event in events if event["name"] == "thread_name"]
-    mains = {(e["pid"], e["tid"]) for e in names if e["args"]["name"] == "CrRendererMain"}
+    threads = [event for event in events if event["name"] == "thread_name"]
+    mains = {(e["pid"], e["tid"]) for e in threads if e["args"]["name"] == "CrRendererMain"}
     tasks = [e["tdur"] for e in events if "tdur" in e and (e["pid"], e["tid"]) in mains]
     assert len(tasks) > 1000
     return max(tasks) / 1000
 
 
 def test_ten_thousand_shapes_scroll_without_a_long_task(
-    many: Running, visit: Visit, browser: Browser, tmp_path: Path
+    many: Running, browser: Browser, tmp_path: Path
 ) -> None:
-    page = visit.page
-    page.route(lambda url: True, lambda route: route.continue_())
-    page.goto(f"{many.client.base_url}/?view=browse")
-    page.wait_for_selector("#gallery li")
-    page.wait_for_load_state("networkidle")
-    page.mouse.move(600, 600)
-    trace = tmp_path / "trace.json"
-    browser.start_tracing(page=page, path=trace, categories=["toplevel"])
-    for _ in range(3000):
-        page.mouse.wheel(0, 3000)
-        page.wait_for_timeout(30)
-        if page.inner_text("#gallery-status") == f"{MANY} of {MANY} shown":
-            break
-    # And back, over shapes that have been shown.
-    for _ in range(100):
-        page.mouse.wheel(0, -3000)
-        page.wait_for_timeout(30)
-    browser.stop_tracing()
-    expect(page.locator("#gallery-status")).to_have_text(f"{MANY} of {MANY} shown")
-    longest = longest_task(trace)
-    print(f"{MANY} shapes, longest task {longest:.1f} ms")
-    assert longest <= LONGEST
+    with visiting(browser, many) as visit:
+        page = visit.page
+        show(page, f"{visit.here}/?view=browse", "#gallery li")
+        page.evaluate(
+            """() => {
+                const gallery = document.getElementById("gallery");
+                window.seen = new Set();
+                window.most = 0;
+                const look = () => {
+                    const shown = gallery.querySelectorAll(".name");
+                    window.most = Math.max(window.most, shown.length);
+                    for (const name of shown) window.seen.add(name.textContent);
+                };
+                new MutationObserver(look).observe(gallery, { subtree: true, childList: true });
+                look();
+            }"""
+        )
+        page.mouse.move(600, 600)
+        trace = tmp_path / "trace.json"
+        browser.start_tracing(page=page, path=trace, categories=["toplevel"])
+        for _ in range(3000):
+            page.mouse.wheel(0, 3000)
+            page.wait_for_timeout(30)
+            if page.inner_text("#gallery-status") == f"{MANY} of {MANY} shown":
+                break
+        # And back, over shapes that have been shown.
+        for _ in range(100):
+            page.mouse.wheel(0, -3000)
+            page.wait_for_timeout(30)
+        browser.stop_tracing()
+        expect(page.locator("#gallery-status")).to_have_text(f"{MANY} of {MANY} shown")
+        longest = longest_task(trace)
+        print(f"{MANY} shapes, longest task {longest:.1f} ms")
+        assert longest <= LONGEST
+        assert page.evaluate("window.seen.size") == MANY
+        # Shapes far from the window are not kept in the document.
+        assert page.evaluate("window.most") < 300
+        page.evaluate("scrollTo(0, 0)")
+        expect(page.locator("#gallery li").first).to_contain_text("fish.ply")
+        page.keyboard.press("End")
+        last = page.locator("#gallery li").last
+        expect(last).to_contain_text(f"part-{MANY - 1:05d}.ply")
+        last.scroll_into_view_if_needed()
+        expect(last.locator("img")).to_have_js_property("naturalWidth", 256)

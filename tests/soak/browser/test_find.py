@@ -4,60 +4,55 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from playwright.sync_api import expect
 
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from tests.service.support import Running
-from tests.soak.browser.support import Visit, drawn, file_in, hues, made, picture, settled
+from tests.core.dense.solids import plate
+from tests.service.support import Running, query
+from tests.soak.browser.support import (
+    Visit,
+    box_of,
+    drawn,
+    file_in,
+    hues,
+    made,
+    paint,
+    picture,
+    pictures,
+    settled,
+    stored,
+)
 
 
 def verdict(result: dict) -> str:
     """The line that a result has on the page."""
     if result["likeness"] == "pose":
         return f"Another pose, {result['cc']:.3f}"
-    percent = f"{100 * result['combined']:.0f} %"
-    bounded = (
-        "under 1 %" if result["combined"] < 0.01 else "over 99 %" if result["combined"] > 0.99 else percent
-    )
-    return f"{result['likeness'].capitalize()}: {bounded}"
+    probability = result["combined"]
+    bounded = "under 1 %" if probability < 0.01 else "over 99 %" if probability > 0.99 else None
+    return f"{result['likeness'].capitalize()}: {bounded or f'{100 * probability:.0f} %'}"
 
 
-def test_a_file_finds_the_three_most_alike(visit: Visit, tmp_path: Path) -> None:
+def test_a_file_finds_the_three_most_alike(visit: Visit, service: Running, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
-    assert page.locator("#cards > li").count() == 4
-    titles = page.locator("#cards h3").all_inner_texts()
-    assert titles[0] == "fish-3.ply"
-    assert [title.split(". ")[0] for title in titles[1:]] == ["1", "2", "3"]
-    assert titles[1].split(". ")[1].startswith("fish-")
-    asked = page.request.post(
-        f"{visit.here}/query",
-        multipart={
-            "file": {"name": "q.ply", "mimeType": "x/y", "buffer": made("fish", 3)},
-            "rank_by": "combined",
-        },
-    ).json()
-    for number, result in enumerate(asked["results"], 1):
-        one = page.locator("#cards > li").nth(number)
-        assert one.locator(".likeness").inner_text() == verdict(result)
-        assert one.locator(".scores").is_hidden()
-        one.locator("summary").click()
-        numbers = [float(value) for value in one.locator(".scores dd").all_inner_texts()[:4]]
+    answer = query(service.client, made("fish", 3), "q.ply", rank_by="combined").json()
+    names = [result["shape"]["name"] for result in answer["results"]]
+    assert names[0].startswith("fish-")
+    titles = [f"{number}. {name}" for number, name in enumerate(names, 1)]
+    assert page.locator("#cards h3").all_inner_texts() == ["fish-3.ply", *titles]
+    for number, result in enumerate(answer["results"], 1):
+        card = page.locator("#cards > li").nth(number)
+        assert card.locator(".likeness").inner_text() == verdict(result)
+        assert card.locator(".scores").is_hidden()
+        card.locator("summary").click()
+        numbers = [float(value) for value in card.locator(".scores dd").all_inner_texts()[:4]]
         scores = [result[name] for name in ("cc", "ssd", "sim", "combined")]
         assert numbers == pytest.approx(scores, abs=5e-4)
+    verdicts = ["Same part", "Mirror image", "Variant", "Another pose", "Similar", "Weak"]
     terms = page.locator(".scores-explained dt").all_text_contents()
-    assert terms == [
-        "Same part",
-        "Mirror image",
-        "Variant",
-        "Another pose",
-        "Similar",
-        "Weak",
-        "CC",
-        "SSD",
-        "sim",
-        "combined",
-    ]
+    assert terms == [*verdicts, "CC", "SSD", "sim", "combined"]
     summary = page.inner_text("#results-summary")
     assert "6 of 6 stored shapes" in summary
     assert "sorted by combined" in summary
@@ -77,33 +72,35 @@ def test_one_line_says_by_what_a_copy_is_alike(
 ) -> None:
     mesh = make_body("hand").posed(0)
     service.store(write_mesh(mesh, "ply"), "hand.ply")
-    path = tmp_path / "copy.ply"
     faces = mesh.faces if np.prod(factors) > 0 else mesh.faces[:, ::-1]
-    path.write_bytes(write_mesh(Mesh(mesh.vertices * np.array(factors), faces), "ply"))
-    page = visit.find(path)
+    copy = write_mesh(Mesh(mesh.vertices * np.array(factors), faces), "ply")
+    page = visit.find(file_in(tmp_path, copy))
     assert page.locator("#cards .likeness").first.inner_text() == line
 
 
-def test_points_that_correspond_have_one_colour(visit: Visit, tmp_path: Path) -> None:
+def test_colours_show_points_that_correspond_or_eigenmaps(visit: Visit, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
-    page.evaluate("document.activeElement.blur()")
-    canvases = page.locator("#cards canvas")
-    for i in range(4):
-        assert hues(picture(canvases.nth(i), tmp_path)) >= 4
-    page.select_option("#paint", "plain")
+    assert all(hues(shown) >= 4 for shown in pictures(page))
     page.uncheck("#points")
-    settled(page)
-    for i in range(4):
-        assert hues(picture(canvases.nth(i), tmp_path)) <= 1
+    paint(page, "plain")
+    assert all(hues(shown) <= 1 for shown in pictures(page))
+    maps = []
+    # In the third coordinate one side of fish-3 has one sign only, and only the other side is seen.
+    for number in ("1", "2"):
+        paint(page, number)
+        maps.append(pictures(page))
+        for shown in maps[-1]:
+            assert ((shown[..., 0] - shown[..., 2]) > 50).sum() > 50
+            assert ((shown[..., 2] - shown[..., 0]) > 50).sum() > 50
+    assert all(np.abs(one - two).mean() > 1 for one, two in zip(*maps, strict=True))
 
 
 def test_pointing_at_a_point_shows_its_partners(visit: Visit, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
+    before = pictures(page)
     canvas = page.locator("#cards canvas").nth(1)
     canvas.scroll_into_view_if_needed()
-    before = [picture(page.locator("#cards canvas").nth(i), tmp_path) for i in range(4)]
-    box = canvas.bounding_box()
-    assert box is not None
+    box = box_of(canvas)
     # The middle of the picture is on the shape, and points are all over it.
     for step in range(30):
         page.mouse.move(box["x"] + box["width"] / 2 + step, box["y"] + box["height"] / 2)
@@ -113,62 +110,26 @@ def test_pointing_at_a_point_shows_its_partners(visit: Visit, tmp_path: Path) ->
     assert told.count("↔") == 3
     assert told.startswith("fish-3.ply: vertex ")
     settled(page)
-    yellow = np.array([255.0, 212, 0])
-    for i in range(4):
-        after = picture(page.locator("#cards canvas").nth(i), tmp_path)
-        assert (np.abs(after - yellow).max(axis=2) < 30).sum() > 20, i
-        assert (np.abs(before[i] - yellow).max(axis=2) < 30).sum() < 20, i
+    yellow = [(np.abs(shown - [255, 212, 0]).max(axis=2) < 30).sum() for shown in (*before, *pictures(page))]
+    assert max(yellow[:4]) < 20 < min(yellow[4:])
 
 
 def test_all_shapes_turn_together(visit: Visit, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
-    canvases = page.locator("#cards canvas")
-    canvases.first.scroll_into_view_if_needed()
-    page.evaluate("document.activeElement.blur()")
-    before = [picture(canvases.nth(i), tmp_path) for i in range(4)]
-    box = canvases.nth(2).bounding_box()
-    assert box is not None
-    x, y = box["x"] + 20, box["y"] + 20
-    page.mouse.move(x, y)
+    before = pictures(page)
+    canvas = page.locator("#cards canvas").nth(2)
+    canvas.scroll_into_view_if_needed()
+    box = box_of(canvas)
+    page.mouse.move(box["x"] + 20, box["y"] + 20)
     page.mouse.down()
-    page.mouse.move(x + 120, y + 30, steps=4)
+    page.mouse.move(box["x"] + 140, box["y"] + 50, steps=4)
     page.mouse.up()
     settled(page)
-    for i in range(4):
-        assert np.abs(picture(canvases.nth(i), tmp_path) - before[i]).mean() > 2, i
+    assert all(np.abs(a - b).mean() > 2 for a, b in zip(pictures(page), before, strict=True))
     page.click("#reset-view")
     page.mouse.move(0, 0)
-    page.evaluate("document.activeElement.blur()")
     settled(page)
-    for i in range(4):
-        assert np.abs(picture(canvases.nth(i), tmp_path) - before[i]).mean() < 0.5, i
-
-
-def test_eigenmaps_go_from_blue_to_red_on_all(visit: Visit, tmp_path: Path) -> None:
-    page = visit.find(file_in(tmp_path))
-    page.uncheck("#points")
-    maps = []
-    # In the third coordinate one side of fish-3 has one sign only, and only the other side is seen.
-    for number in ("1", "2"):
-        page.select_option("#paint", number)
-        settled(page)
-        shown = [picture(page.locator("#cards canvas").nth(i), tmp_path) for i in range(4)]
-        for each in shown:
-            assert ((each[..., 0] - each[..., 2]) > 50).sum() > 50
-            assert ((each[..., 2] - each[..., 0]) > 50).sum() > 50
-        maps.append(shown)
-    assert all(np.abs(one - two).mean() > 1 for one, two in zip(*maps, strict=True))
-
-
-def test_a_stored_shape_finds_others_of_a_tag(visit: Visit) -> None:
-    page = visit.open()
-    page.locator("#find-filters summary").click()
-    page.fill("#find-tags", "fish")
-    page.get_by_role("link", name="Find similar to fish-0.ply").click()
-    drawn(page, 3)
-    titles = page.locator("#cards h3").all_inner_texts()
-    assert titles[0] == "fish-0.ply"
-    assert {title.split(". ")[1] for title in titles[1:]} == {"fish-1.ply", "fish-2.ply"}
+    assert all(np.abs(a - b).mean() < 0.5 for a, b in zip(pictures(page), before, strict=True))
 
 
 def test_progress_is_shown_while_a_file_goes_and_is_worked_on(visit: Visit, tmp_path: Path) -> None:
@@ -190,18 +151,14 @@ def test_progress_is_shown_while_a_file_goes_and_is_worked_on(visit: Visit, tmp_
     assert page.is_hidden("#find-progress")
 
 
-def test_an_error_is_shown_in_the_services_words(visit: Visit, tmp_path: Path) -> None:
-    bad = tmp_path / "bad.off"
-    bad.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
-    visit.expected = ["422", "400", "415"]
+def test_an_error_is_shown_in_the_services_words(visit: Visit, service: Running, tmp_path: Path) -> None:
+    data = b"OFF\n3 1 0\n0 0 0\n1 0 0\n"
+    bad = file_in(tmp_path, data, "bad.off")
+    visit.expected = ["422"]
     page = visit.open()
     page.set_input_files("#find-file", bad)
-    page.wait_for_selector("#find-error:not([hidden])")
-    told = page.request.post(
-        f"{visit.here}/query",
-        multipart={"file": {"name": "bad.off", "mimeType": "x/y", "buffer": bad.read_bytes()}},
-    ).json()
-    assert told["detail"] in page.inner_text("#find-error")
+    detail = query(service.client, data, "bad.off").json()["detail"]
+    expect(page.locator("#find-error")).to_contain_text(detail)
     assert page.is_hidden("#results")
     # A good file afterwards takes it away, and the next error takes away its results.
     page.set_input_files("#find-file", file_in(tmp_path))
@@ -213,10 +170,51 @@ def test_an_error_is_shown_in_the_services_words(visit: Visit, tmp_path: Path) -
     assert page.is_hidden("#find-query")
 
 
+def test_a_search_takes_the_filters_of_the_page(visit: Visit, service: Running, tmp_path: Path) -> None:
+    whole = plate([(4, 4)])
+    service.store(write_mesh(whole, "ply"), "plate.ply", metadata='{"source": "cad"}')
+    service.store(write_mesh(Mesh(25.4 * whole.vertices, whole.faces), "ply"), "inch.ply")
+    turned = write_mesh(Mesh(whole.vertices[:, [1, 0, 2]] * [1, 1, -1], whole.faces), "ply")
+    page = visit.find(file_in(tmp_path, turned, "query.ply"))
+
+    def search(field: str, text: str) -> None:
+        page.fill(field, text)
+        page.keyboard.press("Enter")
+
+    page.locator("#find-filters summary").click()
+    search("#find-metadata", "source=cad")
+    drawn(page, 2)
+    titles = page.locator("#cards h3")
+    assert titles.nth(1).inner_text() == "1. plate.ply"
+    search("#find-metadata", "")
+    drawn(page, 4)
+    expect(titles).to_contain_text(["query.ply", "plate.ply", "inch.ply", ""])
+    page.get_by_label("Same size as the query").check()
+    expect(page.locator("#cards")).not_to_contain_text("inch.ply")
+    expect(titles.nth(1)).to_have_text("1. plate.ply")
+    page.get_by_label("Same size as the query").uncheck()
+    expect(titles.nth(2)).to_have_text("2. inch.ply")
+    search("#find-cc", "0.999")
+    drawn(page, 3)
+    for card in page.locator("#cards > li").all()[1:]:
+        card.locator("summary").click()
+        assert float(card.locator("dd").first.inner_text()) >= 0.999
+        assert "×" in card.inner_text()
+    page.fill("#find-cc", "")
+    part = page.get_by_label("The query is a part of a shape")
+    part.check()
+    expect(page.locator("#find-filter-count")).to_have_text("(1)")
+    assert "partial=true" in page.url
+    drawn(page, 4)
+    part.uncheck()
+    # Nothing has this length, but something has it in inches.
+    length = 25.4**2 * max(stored(service, name="plate")[0]["facts"]["bounding_box"])
+    search("#find-length", f"{0.99 * length}..{1.01 * length}")
+    expect(page.locator("#results-warnings")).to_contain_text("25.4 times")
+
+
 @pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, {"color_scheme": "light"}], indirect=True)
-def test_dark_and_light(visit: Visit, tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    page = visit.open()
-    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    shown = picture(page.locator("body > header"), tmp_path)
+def test_dark_and_light(visit: Visit, request: pytest.FixtureRequest) -> None:
+    shown = picture(visit.open().locator("body > header"))
     dark = request.node.callspec.params["visit"]["color_scheme"] == "dark"
-    assert (np.median(shown) < 60) == dark, ground
+    assert (np.median(shown) < 60) == dark
