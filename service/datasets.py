@@ -31,14 +31,9 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class FoundMeshes:
-    """The meshes under some paths.
+    """The meshes under some paths, sorted by folder, then in the order of `labels.csv` or by name.
 
-    Attributes
-    ----------
-    files : tuple of MeshFile
-        Sorted by folder, then in the order of `labels.csv` or by name.
-    ignored : int
-        The number of files whose ending names no format that is read.
+    `ignored` is the number of files whose ending names no format that is read.
     """
 
     files: tuple[MeshFile, ...]
@@ -138,25 +133,36 @@ def read_labels(labels: Path) -> list[MeshFile]:
     DatasetError
         The file cannot be read, lacks a column, or has a row without a file or a class, or a file twice.
     """
+    columns, rows = read_table(labels)
+    if not {"file", "class"} <= set(columns):
+        raise DatasetError(f"{labels}: the first line must name the columns file and class")
+    files: dict[Path, MeshFile] = {}
+    for line, row in rows:
+        name, label = (row["file"] or "").strip(), (row["class"] or "").strip()
+        if not name or not label:
+            raise DatasetError(f"{labels}, line {line}: a file and a class are needed")
+        path = labels.parent / name
+        if path in files:
+            raise DatasetError(f"{labels}: {path.name} is listed twice")
+        files[path] = MeshFile(path, label, (row.get("template") or "").strip() or label)
+    return list(files.values())
+
+
+def read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str | None]]]]:
+    """Return the columns of a CSV file, and the rows with the numbers of their lines.
+
+    A missing cell is None, and cells without a column have the key None.
+
+    Raises
+    ------
+    DatasetError
+        The file cannot be read, or is no CSV.
+    """
     try:
         # Spreadsheets write a byte order mark, which would otherwise begin the name of the first column.
-        with labels.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True)
-            if not {"file", "class"} <= set(reader.fieldnames or ()):
-                raise DatasetError(f"{labels}: the first line must name the columns file and class")
-            files = [_read_row(labels, reader.line_num, row) for row in reader]
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream, skipinitialspace=True, strict=True)
+            rows = [(reader.line_num, row) for row in reader]
+            return list(reader.fieldnames or ()), rows
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{labels}: {error}") from error
-    seen: set[Path] = set()
-    for file in files:
-        if file.path in seen:
-            raise DatasetError(f"{labels}: {file.path.name} is listed twice")
-        seen.add(file.path)
-    return files
-
-
-def _read_row(labels: Path, line: int, row: dict[str, str | None]) -> MeshFile:
-    name, label = (row["file"] or "").strip(), (row["class"] or "").strip()
-    if not name or not label:
-        raise DatasetError(f"{labels}, line {line}: a file and a class are needed")
-    return MeshFile(labels.parent / name, label, (row.get("template") or "").strip() or label)
+        raise DatasetError(f"{path}: {error}") from error

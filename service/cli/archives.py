@@ -24,7 +24,7 @@ from service.settings import Settings, load_parameters, load_settings
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from service.storage.backup import back_up, restore
 from service.storage.checking import CheckReport, check
-from service.storage.copying import copy_archive
+from service.storage.copying import CopyCounts, copy_archive
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.storage.sqlite import path_of
@@ -37,14 +37,17 @@ def archive_in_use() -> Path:
 
 def print_counts(report: CheckReport) -> None:
     """Print the numbers of shapes, files and embeddings of an archive."""
-    console = output()
-    console.print(
-        f"{report.shapes} shapes on {report.blobs} files of {report.bytes} bytes, "
-        f"{report.embeddings} embeddings",
-        soft_wrap=True,
-    )
+    _print(_counts(report))
     for fingerprint, count in sorted(report.pipelines.items()):
-        console.print(f"pipeline {fingerprint}: {count} embeddings", soft_wrap=True)
+        _print(f"pipeline {fingerprint}: {count} embeddings")
+
+
+def _counts(of: CheckReport | CopyCounts) -> str:
+    return f"{of.shapes} shapes on {of.blobs} files of {of.bytes} bytes, {of.embeddings} embeddings"
+
+
+def _print(line: str) -> None:
+    output().print(line, soft_wrap=True)
 
 
 def check_command(
@@ -63,11 +66,11 @@ def check_command(
     path = file or archive_in_use()
     report = check(path, lock_seconds=load_settings().lock_seconds)
     if as_json:
-        output().print(json.dumps({"archive": str(path), **asdict(report)}), soft_wrap=True)
+        _print(json.dumps({"archive": str(path), **asdict(report)}))
     else:
         print_counts(report)
         for fault in report.faults:
-            output().print(fault, soft_wrap=True)
+            _print(fault)
     if report.faults:
         say(f"isoshape: {len(report.faults)} faults in {path}")
         raise typer.Exit(1)
@@ -130,11 +133,7 @@ def copy_command(
             bar.update(tasks[table], completed=done)
 
         copied = copy_archive(origin, copy, advance)
-    output().print(
-        f"{copied.shapes} shapes on {copied.blobs} files of {copied.bytes} bytes, {copied.embeddings} "
-        "embeddings: copied, and compared row by row",
-        soft_wrap=True,
-    )
+    _print(f"{_counts(copied)}: copied, and compared row by row")
 
 
 # Where standard error is no terminal, which would show every state of a bar.
@@ -175,7 +174,7 @@ def reembed_command(
         except SystemExit:
             say(STOPPED)
             raise
-    output().print(_told(outcome, parameters, pruned), soft_wrap=True)
+    _print(_told(outcome, parameters, pruned))
     for name, cause in outcome.refused:
         say(f"{name}: {cause}")
     if outcome.refused and not outcome.active:
@@ -190,17 +189,36 @@ def reembed(
 ) -> tuple[ReembeddingResult, int]:
     """Change the pipeline of an archive; return the result and the number of embeddings pruned."""
     with _migrated(settings) as database:
-        if _is_done(database, parameters):
-            outcome = ReembeddingResult(active=True)
-        else:
-            with _working(settings, parameters) as work, _shown() as advance:
-                outcome = asyncio.run(
-                    Reembedding(database, work, parameters).run(
-                        at_once=settings.workers + 1, leave_out=leave_out, advance=advance
-                    )
-                )
+        with database.read() as session:
+            is_done = repository.active(session) == parameters.fingerprint
+            is_done = is_done and not repository.unembedded(session, parameters.fingerprint)
+        # No workers are needed if every file is embedded.
+        outcome = (
+            ReembeddingResult(active=True)
+            if is_done
+            else _reembedded(database, settings, parameters, leave_out=leave_out)
+        )
         pruned = prune_others(database, parameters.fingerprint) if prune and outcome.active else 0
         return outcome, pruned
+
+
+def _reembedded(
+    database: Database, settings: Settings, parameters: Parameters, *, leave_out: bool
+) -> ReembeddingResult:
+    """Embed what the pipeline has not embedded, by worker processes for this command."""
+    workers, readers = start_executors(settings, parameters)
+    limits, read_seconds = settings.limits, settings.read_seconds
+    queue = RequestQueue(
+        workers, readers, limits, read_seconds=read_seconds, workers=settings.workers, waiting=0
+    )
+    try:
+        with _shown() as advance:
+            work = Reembedding(database, queue, parameters)
+            at_once = settings.workers + 1
+            return asyncio.run(work.run(at_once=at_once, leave_out=leave_out, advance=advance))
+    finally:
+        readers.kill()
+        workers.kill()
 
 
 def bring_up(settings: Settings) -> None:
@@ -219,24 +237,6 @@ def _migrated(settings: Settings) -> Iterator[Database]:
     with closing(Database(settings.database_url, lock_seconds=settings.lock_seconds)) as database:
         migrate(database)
         yield database
-
-
-def _is_done(database: Database, parameters: Parameters) -> bool:
-    """Return whether the pipeline is active and has embedded every file, so that no workers are needed."""
-    with database.read() as session:
-        active = repository.active(session) == parameters.fingerprint
-        return active and not repository.unembedded(session, parameters.fingerprint)
-
-
-@contextmanager
-def _working(settings: Settings, parameters: Parameters) -> Iterator[RequestQueue]:
-    """Worker processes for this command."""
-    workers, readers = start_executors(settings, parameters)
-    try:
-        yield RequestQueue(workers, readers, settings.limits, settings.read_seconds, settings.workers)
-    finally:
-        readers.kill()
-        workers.kill()
 
 
 @contextmanager

@@ -103,7 +103,14 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
         first = [_shape(label, 0) for label in CLASSES]
         wait_until_ready(client, child.ended)
         _store(client, first)
-        answered = [_query(client, label) for label in CLASSES]
+        answered = [
+            Answered(
+                label,
+                _name(label, POSES),
+                client.query_file(_shape(label, POSES), top_k=3, correspondences=True),
+            )
+            for label in CLASSES
+        ]
         _print(answered)
         wrong = [query.name for query in answered if not query.right]
         if picture is not None:
@@ -113,7 +120,7 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
             if wrong:
                 fail(f"the first neighbour is of another class for {', '.join(wrong)}")
             return
-        _offer(child, _save_query(), needs_key=key is not None)
+        _offer(child, needs_key=key is not None)
 
 
 def _name(label: str, pose: int) -> str:
@@ -149,11 +156,6 @@ def _store(client: Client, first: Sequence[tuple[str, bytes]]) -> None:
     for shape in shapes:
         if shape.id not in kept:
             client.delete(shape.id)
-
-
-def _query(client: Client, label: str) -> Answered:
-    name, data = _shape(label, POSES)
-    return Answered(label, name, client.query_file((name, data), top_k=3, correspondences=True))
 
 
 def _print(answered: list[Answered]) -> None:
@@ -201,15 +203,11 @@ def _pictures(client: Client, query: Answered) -> Iterator[tuple[str, bytes]]:
         yield f"{result.rank}. {result.shape.name.removesuffix('.ply')}  CC {result.cc:.3f}", pictures[1]
 
 
-def _save_query() -> Path:
-    """Write a query to a file, for the user to send."""
+def _offer(child: ChildService, *, needs_key: bool) -> None:
+    """Tell how to send a query, from a file that this writes, and wait for Ctrl-C."""
     name, data = _shape(CLASSES[0], POSES)
-    path = FOLDER / name
-    path.write_bytes(data)
-    return path
-
-
-def _offer(child: ChildService, query: Path, *, needs_key: bool) -> None:
+    query = FOLDER / name
+    query.write_bytes(data)
     say(f"The service runs until Ctrl-C. Its page: {child.url}/. Its documentation: {child.url}/docs. Try:")
     header = '-H "X-API-Key: $ISOSHAPE_API_KEY" ' if needs_key else ""
     output().print(f"curl {header}-F file=@{query} {child.url}/query", soft_wrap=True)

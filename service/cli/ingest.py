@@ -1,6 +1,5 @@
 """`isoshape ingest`: store files, folders of files and archives."""
 
-import csv
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -16,26 +15,13 @@ from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, ProblemError, Upload
 from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
 from service.console import fail, output, progress, say
-from service.datasets import DatasetError, MeshFile, find_meshes
+from service.datasets import DatasetError, MeshFile, find_meshes, read_table
 from service.http.problem_document import TYPE_PREFIX, Cause, faults_of
 from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
 
-
-def is_archive(path: Path) -> bool:
-    """Return whether a file is an archive, by its name."""
-    return path.is_file() and path.suffix.lower() == ".zip"
-
-
-NAME, TAGS = "name", "tags"
-
-
-@dataclass(frozen=True)
-class About:
-    """The tags and the metadata of a mesh."""
-
-    tags: tuple[str, ...] = ()
-    metadata: dict[str, str] | None = None
+About = tuple[tuple[str, ...], dict[str, str] | None]
+"""The tags and the metadata of a mesh."""
 
 
 def read_metadata(path: Path) -> dict[str, About]:
@@ -51,50 +37,41 @@ def read_metadata(path: Path) -> dict[str, About]:
         The file cannot be read, has no column `name`, names a mesh twice, or holds a value that no shape may
         have.
     """
-    try:
-        # Spreadsheets write a byte order mark, which would become part of the first column's name.
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream, skipinitialspace=True, strict=True)
-            _check_columns(path, list(reader.fieldnames or ()))
-            rows: dict[str, About] = {}
-            for row in reader:
-                name = (row[NAME] or "").strip().replace("\\", "/")
-                if not name or name in rows:
-                    fault = f"{name} is listed twice" if name else "no name"
-                    raise DatasetError(f"{path}, line {reader.line_num}: {fault}")
-                rows[name] = _about(path, reader.line_num, row)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{path}: {error}") from error
+    columns, lines = read_table(path)
+    if "name" not in columns:
+        raise DatasetError(f"{path}: the first line must name the columns, name among them")
+    if not all(columns) or len(set(columns)) < len(columns):
+        raise DatasetError(f"{path}: a column has no name, or the name of another")
+    rows: dict[str, About] = {}
+    for line, row in lines:
+        try:
+            _add_row(rows, row)
+        except DatasetError as error:
+            raise DatasetError(f"{path}, line {line}: {error}") from error
     return rows
 
 
-def row_of(rows: dict[str, About], path: Path) -> str | None:
-    """Return the name in the rows that fits a file, the longest if several fit."""
-    parts = path.parts
-    names = ("/".join(parts[start:]) for start in range(len(parts)))
-    return next((name for name in names if name in rows), None)
-
-
-def _check_columns(path: Path, columns: list[str]) -> None:
-    if NAME not in columns:
-        raise DatasetError(f"{path}: the first line must name the columns, {NAME} among them")
-    if not all(columns) or len(set(columns)) < len(columns):
-        raise DatasetError(f"{path}: a column has no name, or the name of another")
-
-
-def _about(path: Path, line: int, row: dict[str, str | None]) -> About:
+def _add_row(rows: dict[str, About], row: dict[str, str | None]) -> None:
+    cells = {key: (cell or "").strip() for key, cell in row.items() if key is not None}
+    name = cells.pop("name").replace("\\", "/")
+    if not name or name in rows:
+        raise DatasetError(f"{name} is listed twice" if name else "no name")
     if None in row or None in row.values():
-        raise DatasetError(f"{path}, line {line}: not as many cells as there are columns")
-    cells = {key: (cell or "").strip() for key, cell in row.items()}
-    tags = split_tags([cells.pop(TAGS, "").replace(";", ",")])
-    del cells[NAME]
+        raise DatasetError("not as many cells as there are columns")
+    tags = split_tags([cells.pop("tags", "").replace(";", ",")])
     metadata = {key: cell for key, cell in cells.items() if cell}
     try:
         checked = ShapeFields.model_validate({"name": "any", "tags": tags, "metadata": metadata})
     except ValidationError as error:
-        faults = "; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors()))
-        raise DatasetError(f"{path}, line {line}: {faults}") from error
-    return About(tuple(checked.tags), metadata)
+        faults = (f"{fault.field}: {fault.message}" for fault in faults_of(error.errors()))
+        raise DatasetError("; ".join(faults)) from error
+    rows[name] = tuple(checked.tags), metadata
+
+
+def row_of(rows: dict[str, About], path: Path) -> str | None:
+    """Return the name in the rows that fits a file, the longest if several fit."""
+    names = ("/".join(path.parts[start:]) for start in range(len(path.parts)))
+    return next((name for name in names if name in rows), None)
 
 
 SECONDS_BETWEEN_LINES = 30.0
@@ -105,20 +82,11 @@ SECONDS_BETWEEN_LINES = 30.0
 class Tally:
     """Numbers of files and archives by their outcomes.
 
-    Attributes
-    ----------
-    total : int
-        Files and archives to send.
-    ignored : int
-        Files of other formats.
-    finished, created, present : int
-        Files and archives that have an outcome, and shapes that were stored or there before.
-    refused, warnings : list
-        Files by their origin, each with the cause or the warning.
+    Of `total` files and archives to send, `finished` have an outcome: shapes `created`, or `present` before.
+    `refused` and `warnings` name files by their origin.
     """
 
     total: int
-    ignored: int
     finished: int = 0
     created: int = 0
     present: int = 0
@@ -126,37 +94,23 @@ class Tally:
     warnings: list[tuple[str, str]] = field(default_factory=list)
     _said: float = field(default_factory=time.monotonic)
 
-    @property
-    def left(self) -> int:
-        """The number of files and archives without an outcome."""
-        return self.total - self.finished
-
     def add(self, item: Item, outcome: Upload | str) -> None:
         """Count the outcome of a file: the shapes of its upload, or the cause of its refusal."""
         self.finished += 1
         if isinstance(outcome, str):
             self.refused.append((item.origin, outcome))
-        else:
-            for upload in (outcome, *outcome.parts):
-                if upload.created:
-                    self.created += 1
-                    self.warnings += [(item.origin, warning) for warning in upload.shape.warnings]
-                else:
-                    self.present += 1
+            return
+        for upload in (outcome, *outcome.parts):
+            self.created += upload.created
+            self.present += not upload.created
+            if upload.created:
+                self.warnings += [(item.origin, warning) for warning in upload.shape.warnings]
 
-    def say_now_and_then(self, *, visible: bool) -> None:
-        """Print a line of progress, if it is `visible` and the last one is some time ago."""
-        if visible and time.monotonic() > self._said + SECONDS_BETWEEN_LINES:
+    def say_now_and_then(self) -> None:
+        """Print a line of progress if the last one is some time ago."""
+        if time.monotonic() > self._said + SECONDS_BETWEEN_LINES:
             self._said = time.monotonic()
             say(f"{self.finished} of {self.total} done, {len(self.refused)} refused")
-
-    def print(self) -> None:
-        """Print the summary, then each warning and each refusal with its file."""
-        left_out = f", {self.ignored} of other formats left out" if self.ignored else ""
-        counts = f"{self.created} stored, {self.present} already there, {len(self.refused)} refused"
-        output().print(f"{counts}{left_out}", soft_wrap=True)
-        for origin, cause in sorted(self.warnings) + sorted(self.refused):
-            say(f"{origin}: {cause}")
 
 
 def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress, tally: Tally) -> None:
@@ -171,11 +125,9 @@ def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress
     tally.finished += 1
     try:
         sent = client.send_archive(path, tags=tags)
-    except ProblemError as error:
-        tally.refused.append((str(path), _said(error.problem)))
-        return
-    except OSError as error:
-        tally.refused.append((str(path), error.strerror or str(error)))
+    except (ProblemError, OSError) as error:
+        cause = _said(error.problem) if isinstance(error, ProblemError) else error.strerror or str(error)
+        tally.refused.append((str(path), cause))
         return
     for job in client.follow_job(sent.id):
         counts = job.counts
@@ -228,7 +180,7 @@ def ingest_command(
 
     With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
     """
-    archives = [path for path in paths if is_archive(path)]
+    archives = [path for path in paths if path.is_file() and path.suffix.lower() == ".zip"]
     if split is not None and archives:
         fail("the files of an archive cannot be split; unpack it first")
     meshes = find_meshes([path for path in paths if path not in archives])
@@ -237,12 +189,12 @@ def ingest_command(
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in meshes.files}
     items = [
-        _item(file, rows.get(named[file.path] or "", About()), tag or [], split) for file in meshes.files
+        _item(file, *rows.get(named[file.path] or "", ((), None)), tag or [], split) for file in meshes.files
     ]
     stray = sorted(set(rows) - set(named.values()))
     if stray:
         say(f"{metadata}: no file has the name {', '.join(stray)}")
-    tally = Tally(len(items) + len(archives), meshes.ignored)
+    tally = Tally(len(items) + len(archives))
     stopped = False
     try:
         with service_at(url, key, collection, new=True) as client, progress() as bar:
@@ -250,14 +202,20 @@ def ingest_command(
             for item, outcome in upload_all(client, items, at_once):
                 tally.add(item, outcome)
                 bar.update(task, description=f"storing {item.name}", advance=1)
-                tally.say_now_and_then(visible=bar.disable)
+                if bar.disable:
+                    tally.say_now_and_then()
             for path in archives:
                 store_archive(client, path, tag or [], bar, tally)
     except KeyboardInterrupt:
         stopped = True
-    tally.print()
+    left_out = f", {meshes.ignored} of other formats left out" if meshes.ignored else ""
+    counts = f"{tally.created} stored, {tally.present} already there, {len(tally.refused)} refused"
+    output().print(f"{counts}{left_out}", soft_wrap=True)
+    for origin, cause in sorted(tally.warnings) + sorted(tally.refused):
+        say(f"{origin}: {cause}")
     if stopped:
-        fail(f"stopped; {tally.left} of {tally.total} left, and the same command continues", status=130)
+        left = tally.total - tally.finished
+        fail(f"stopped; {left} of {tally.total} left, and the same command continues", status=130)
     if tally.refused:
         raise typer.Exit(1)
 
@@ -267,8 +225,12 @@ def class_tag(label: str) -> str:
     return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
 
 
-def _item(file: MeshFile, about: About, more: list[str], split: Literal["parts"] | None) -> Item:
-    class_tags = [] if file.label is None else [class_tag(file.label)]
-    return Item(
-        file.path.name, file.path, (*filter(None, class_tags), *about.tags, *more), about.metadata, split
-    )
+def _item(
+    file: MeshFile,
+    tags: Sequence[str],
+    metadata: dict[str, str] | None,
+    more: Sequence[str],
+    split: Literal["parts"] | None,
+) -> Item:
+    tags = (*filter(None, [class_tag(file.label or "")]), *tags, *more)
+    return Item(file.path.name, file.path, tags, metadata, split)
