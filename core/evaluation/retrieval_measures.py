@@ -17,6 +17,7 @@ the class is left out of the means and of `per_class`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -196,26 +197,7 @@ def _average_precision(relevant: NDArray[np.bool_], wanted: NDArray[np.intp]) ->
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 
 
-@dataclass(frozen=True)
-class ScoreQuantiles:
-    """The distribution of a score over some pairs.
-
-    Attributes
-    ----------
-    pairs : int
-        Number of pairs.
-    quantiles : tuple of float
-        The score at each of `QUANTILES`; linear interpolation.
-    at_least : float
-        Share of the pairs whose score reaches the threshold.
-    """
-
-    pairs: int
-    quantiles: tuple[float, ...]
-    at_least: float
-
-
-def score_quantiles(scores: Floats, labels: Sequence[str], threshold: float) -> dict[str, ScoreQuantiles]:
+def score_quantiles(scores: Floats, labels: Sequence[str], threshold: float) -> dict[str, dict[str, Any]]:
     """Return the distributions over pairs of the "same" class and of "other" classes that have pairs.
 
     Parameters
@@ -225,17 +207,24 @@ def score_quantiles(scores: Floats, labels: Sequence[str], threshold: float) -> 
     labels : sequence of str, length n
         The class of each shape.
     threshold : float
+
+    Returns
+    -------
+    dict
+        For each kind the number of `pairs`, the `quantiles` (the score at each of `QUANTILES`, by its text;
+        linear interpolation), and `matched`, the share of the pairs whose score reaches the threshold.
     """
     first, second = np.triu_indices(len(labels), 1)
     named = np.asarray(labels)
-    same = named[first] == named[second]
-    values = scores[first, second]
+    same, values = named[first] == named[second], scores[first, second]
     return {
-        name: ScoreQuantiles(
-            pairs=int(chosen.sum()),
-            quantiles=tuple(np.quantile(values[chosen], QUANTILES).tolist()),
-            at_least=float((values[chosen] >= threshold).mean()),
-        )
+        name: {
+            "pairs": int(chosen.sum()),
+            "quantiles": dict(
+                zip(map(str, QUANTILES), np.quantile(values[chosen], QUANTILES).tolist(), strict=True)
+            ),
+            "matched": float((values[chosen] >= threshold).mean()),
+        }
         for name, chosen in (("same", same), ("other", ~same))
         if chosen.any()
     }

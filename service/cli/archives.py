@@ -207,10 +207,7 @@ def _reembedded(
 ) -> ReembeddingResult:
     """Embed what the pipeline has not embedded, by worker processes for this command."""
     workers, readers = start_executors(settings, parameters)
-    limits, read_seconds = settings.limits, settings.read_seconds
-    queue = RequestQueue(
-        workers, readers, limits, read_seconds=read_seconds, workers=settings.workers, waiting=0
-    )
+    queue = RequestQueue(workers, readers, settings.limits, settings.read_seconds, settings.workers)
     try:
         with _shown() as advance:
             work = Reembedding(database, queue, parameters)

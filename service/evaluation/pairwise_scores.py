@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -67,9 +67,8 @@ _pipeline: Pipeline
 @contextmanager
 def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
     """Yield a pool of processes with one thread and one pipeline each."""
-    pool = ProcessPoolExecutor(
-        workers, get_context("spawn"), initializer=_start_worker, initargs=(parameters,)
-    )
+    context = get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(parameters,))
     try:
         yield pool
     finally:
@@ -96,25 +95,17 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
             done(n - 1 - i)
     part = differences.pop("part") > 0.0
     distances = {name: differences.pop(name) for name in DESCRIPTORS}
+    differences["spectral_density"] = pair_densities(differences["spectral"], TYPICAL_SPECTRAL)
+    differences["view_density"] = pair_densities(distances["views"], TYPICAL_VIEW)
     pairs = PairDifferences(**differences, distances=distances, part=part)
-    pairs = replace(
-        pairs,
-        spectral_density=pair_densities(pairs.spectral, TYPICAL_SPECTRAL),
-        view_density=pair_densities(pairs.distances["views"], TYPICAL_VIEW),
-    )
     return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
 
 
 def pair_densities(distances: Floats, typical: float) -> Floats:
     """Return the geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
 
-    As in the service, neighbours are looked for in a sample of large collections.
-
-    Parameters
-    ----------
-    distances : float64, shape (n, n)
-    typical : float
-        `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
+    As in the service, neighbours are looked for in a sample of large collections. `typical` is
+    `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
     """
     sample = sampled(np.arange(1, len(distances) + 1))
     others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)[:, sample]

@@ -47,11 +47,9 @@ KINDS = ("same", "different")
 
 def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
     """Return the number of pairs, and mean and median of both errors; at least one pair."""
-    found: dict[str, Any] = {"pairs": len(errors)}
-    for name in ("direct", "symmetric"):
-        values = [getattr(pair, name) for pair in errors]
-        found[name] = {"mean": fmean(values), "median": median(values)}
-    return found
+    values = {name: [getattr(pair, name) for pair in errors] for name in ("direct", "symmetric")}
+    figures = {name: {"mean": fmean(each), "median": median(each)} for name, each in values.items()}
+    return {"pairs": len(errors), **figures}
 
 
 def read_truth(folder: Path) -> list[MeshFile]:
@@ -63,9 +61,9 @@ def read_truth(folder: Path) -> list[MeshFile]:
         `labels.csv` cannot be used, or a mesh lacks its `.vts` file.
     """
     files = read_labels(folder / LABELS_FILE)
-    for path in (file.path for file in files):
-        if not _template_file(path).is_file():
-            raise DatasetError(f"{path} has no truth: {_template_file(path).name}")
+    for file in files:
+        if not file.path.with_suffix(".vts").is_file():
+            raise DatasetError(f"{file.path} has no truth: {file.path.stem}.vts")
     return files
 
 
@@ -92,16 +90,11 @@ def study_truth(
         for i, results in as_they_end(pool, _errors, arguments):
             errors.update(zip(tasks[i], results, strict=True))
             done(len(results))
+    kinds = dict(zip(KINDS, drawn, strict=True))
     return {
-        method: {
-            kind: [errors[pair][method] for pair in chosen] for kind, chosen in zip(KINDS, drawn, strict=True)
-        }
+        method: {kind: [errors[pair][method] for pair in pairs] for kind, pairs in kinds.items()}
         for method in methods
     }
-
-
-def _template_file(path: Path) -> Path:
-    return path.with_suffix(".vts")
 
 
 def _errors(
@@ -140,10 +133,15 @@ def _known(path: Path, seed: int) -> KnownMesh:
 @lru_cache(maxsize=CACHED)
 def _truth(path: Path) -> Ints:
     """Return the vertices, from 0, of all vertices of the template, and of their mirror images if known."""
-    direct, mirror = _template_file(path), path.with_suffix(".sym.vts")
-    rows = [_read_vertices(file) for file in (direct, mirror) if file == direct or file.is_file()]
+    mirror = path.with_suffix(".sym.vts")
+    rows = []
+    for file in (path.with_suffix(".vts"), *([mirror] if mirror.is_file() else [])):
+        try:
+            rows.append(np.loadtxt(file, dtype=np.int64, ndmin=1))
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"{file}: {error}") from error
     if len({len(row) for row in rows}) > 1:
-        raise DatasetError(f"{direct} and {mirror.name} have different lengths")
+        raise DatasetError(f"{path.with_suffix('.vts')} and {mirror.name} have different lengths")
     return np.stack(rows) - 1
 
 
@@ -152,23 +150,8 @@ def _spectrum(path: Path, seed: int) -> Any:  # noqa: ANN401  of pyfmaps
     return spectrum(_known(path, seed).mesh)
 
 
-def _read_vertices(path: Path) -> Ints:
-    try:
-        return np.loadtxt(path, dtype=np.int64, ndmin=1)
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: {error}") from error
-
-
 def spectrum(mesh: Mesh) -> Any:  # noqa: ANN401  the library's own
-    """Return the eigenfunctions of the robust Laplacian by pyfmaps.
-
-    The plain Laplacian fails if a face has no area.
-
-    Raises
-    ------
-    ImportError
-        Pyfmaps is not installed.
-    """
+    """Return eigenfunctions by pyfmaps of the robust Laplacian; the plain one wants no face without area."""
     from pyFM.mesh import TriMesh  # noqa: PLC0415  optional
 
     surface = TriMesh(mesh.vertices.copy(), mesh.faces.copy(), area_normalize=True, center=True)

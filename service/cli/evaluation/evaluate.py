@@ -11,7 +11,6 @@ import typer
 from core.evaluation.retrieval_measures import (
     QUANTILES,
     Evaluation,
-    ScoreQuantiles,
     evaluate,
     score_quantiles,
 )
@@ -106,25 +105,18 @@ def evaluate_command(
         fail(f"{len(files) - len(labels)} of {len(files)} files could not be used")
 
 
-def _object(figures: Evaluation, cc: Mapping[str, ScoreQuantiles]) -> dict[str, object]:
+def _object(figures: Evaluation, cc: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
     """Return the numbers of one ranking that `--json` prints."""
     return {
         "shapes": figures.shapes,
         "classes": len(figures.classes),
         **{name: getattr(figures, name) for name in (*MEASURES, *HUBNESS)},
-        "cc": {
-            pairs: {
-                "pairs": quantiles.pairs,
-                "quantiles": dict(zip(map(str, QUANTILES), quantiles.quantiles, strict=True)),
-                "matched": quantiles.at_least,
-            }
-            for pairs, quantiles in cc.items()
-        },
+        "cc": cc,
         "per_class": {name: asdict(row) for name, row in figures.per_class.items()},
     }
 
 
-def _print(title: str, evaluations: Mapping[str, Evaluation], cc: Mapping[str, ScoreQuantiles]) -> None:
+def _print(title: str, evaluations: Mapping[str, Evaluation], cc: Mapping[str, Mapping[str, Any]]) -> None:
     first = next(iter(evaluations.values()))
     print_table(
         f"{title}: {first.shapes} shapes, {len(first.classes)} classes",
@@ -138,9 +130,9 @@ def _print(title: str, evaluations: Mapping[str, Evaluation], cc: Mapping[str, S
         rows = [
             [
                 "one class" if name == "same" else "two classes",
-                str(pairs.pairs),
-                *(f"{value:.4f}" for value in pairs.quantiles),
-                f"{100 * pairs.at_least:.1f} %",
+                str(pairs["pairs"]),
+                *(f"{value:.4f}" for value in pairs["quantiles"].values()),
+                f"{100 * pairs['matched']:.1f} %",
             ]
             for name, pairs in cc.items()
         ]

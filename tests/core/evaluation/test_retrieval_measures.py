@@ -206,13 +206,12 @@ def test_pairs_of_one_class_and_of_two_are_told_apart():
         [[9.0, 0.99, 0.5, 0.7], [0.99, 9.0, 0.6, 0.8], [0.5, 0.6, 9.0, 0.97], [0.7, 0.8, 0.97, 9.0]]
     )
     found = score_quantiles(scores, ["cup", "cup", "bird", "bird"], 0.98)
-    assert (found["same"].pairs, found["other"].pairs) == (2, 4)
-    assert found["same"].at_least == 0.5
-    assert found["other"].at_least == 0.0
-    median = QUANTILES.index(0.5)
-    assert found["same"].quantiles[median] == pytest.approx(0.98)
-    assert found["other"].quantiles[median] == pytest.approx(0.65)
-    assert found["other"].quantiles == pytest.approx(np.quantile([0.5, 0.6, 0.7, 0.8], QUANTILES))
+    assert (found["same"]["pairs"], found["other"]["pairs"]) == (2, 4)
+    assert (found["same"]["matched"], found["other"]["matched"]) == (0.5, 0.0)
+    assert found["same"]["quantiles"]["0.5"] == pytest.approx(0.98)
+    assert found["other"]["quantiles"]["0.5"] == pytest.approx(0.65)
+    expected = np.quantile([0.5, 0.6, 0.7, 0.8], QUANTILES)
+    assert list(found["other"]["quantiles"].values()) == pytest.approx(expected)
 
 
 def test_pairs_that_there_are_not_are_left_out():
