@@ -88,24 +88,16 @@ def changes() -> tuple[Change, ...]:
 
 def trials(*, without: bool = False) -> list[Trial]:
     """Return `paper`, each change on it alone, the changes added up, and `default` without each change."""
-    steps = changes()
-    found = [Trial("alone", "paper", PAPER, "cc")]
-    found += [Trial("alone", step.title, taken(PAPER, DEFAULT, step), step.rank_by) for step in steps]
-    found.append(Trial("together", "paper", PAPER, "cc"))
+    alone, together = ([Trial(block, "paper", PAPER, "cc")] for block in ("alone", "together"))
+    left_out = [Trial("without", f"default by {by}", DEFAULT, by) for by in ("cc", LAST.rank_by)]
     so_far = PAPER
-    for step in steps:
+    for step in changes():
         so_far = taken(so_far, DEFAULT, step)
-        found.append(Trial("together", step.title, so_far, step.rank_by))
-    if without:
-        found += [
-            Trial("without", f"default by {rank_by}", DEFAULT, rank_by) for rank_by in ("cc", LAST.rank_by)
-        ]
-        found += [
-            Trial("without", step.title, taken(DEFAULT, PAPER, step), step.rank_by)
-            for step in steps
-            if step.fields
-        ]
-    return found
+        together.append(Trial("together", step.title, so_far, step.rank_by))
+        alone.append(Trial("alone", step.title, taken(PAPER, DEFAULT, step), step.rank_by))
+        if step.fields:
+            left_out.append(Trial("without", step.title, taken(DEFAULT, PAPER, step), step.rank_by))
+    return [*alone, *together, *(left_out if without else [])]
 
 
 def taken(parameters: Parameters, source: Parameters, change: Change) -> Parameters:
@@ -131,9 +123,8 @@ def main(folder: Path, collections: list[Path], without: bool, limit: int | None
         for trial in trials(without=without):
             fingerprint = trial.parameters.fingerprint
             if fingerprint not in known:
-                known[fingerprint] = score_collection(
-                    collection_files(collection, limit), trial.parameters, workers
-                )
+                files = collection_files(collection, limit)
+                known[fingerprint] = score_collection(files, trial.parameters, workers)
             labels, scores = known[fingerprint]
             figures = evaluate_ranking(scores, labels, trial.rank_by)
             row = {"collection": collection.name, "block": trial.block, "row": trial.title}

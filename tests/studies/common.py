@@ -27,14 +27,8 @@ Row = Mapping[str, Any]
 def run(main: Callable[..., bool | None], doc: str, **options: Any) -> None:
     """Call `main(folder, **options)` with the options of the command line, and exit with status 1 on False.
 
-    Parameters
-    ----------
-    main : callable
-    doc : str
-        The docstring of the script.
-    options : object
-        The default of each option, or its type where there is none; "folders" is for one or more collections
-        without a flag.
+    `doc` is the docstring of the script. `options` are the default of each option, or its type where there is
+    none; "folders" is for one or more collections without a flag.
     """
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
@@ -84,18 +78,8 @@ def save(figure: Figure, path: Path, *, dpi: int = 90) -> None:
 class Panel:
     """One mesh of a picture.
 
-    Attributes
-    ----------
-    mesh : Mesh
-    caption : str
-    points : float64, shape (p, 3)
-        Points to mark, in the coordinates of the mesh.
-    values : float64, shape (p,)
-        Colour of each point, in [0, 1]. Corresponding points have the same value.
-    colour : three floats in [0, 1]
-        Colour of the surface.
-    painted : float64, shape (n, 3) or (0, 3)
-        Vertex colours in [0, 1], which replace `colour`.
+    `points`, shape (p, 3), are marked in the colours of `values`, shape (p,), in [0, 1]. The surface has one
+    `colour`, or those of its vertices in `painted`, shape (n, 3).
     """
 
     mesh: Mesh

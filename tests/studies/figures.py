@@ -6,7 +6,7 @@ Without a collection the shapes are made by code, and the match shows one body i
 """
 
 from collections.abc import Sequence
-from itertools import chain, groupby
+from itertools import chain, groupby, product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -102,26 +102,24 @@ def match_figure(first: Mesh, second: Mesh) -> Figure:
         embedding.positions[samples].astype(np.float64)
         for embedding, samples in zip(embeddings, (left, right), strict=True)
     ]
-    ends = [cKDTree(mesh.vertices).query(at)[1] for mesh, at in zip((first, second), points, strict=True)]
-    partners = extend(basis(second), basis(first), np.stack(ends[::-1], axis=1).astype(np.int64))
+    ends = [cKDTree(mesh.vertices).query(at)[1] for mesh, at in ((second, points[1]), (first, points[0]))]
+    partners = extend(basis(second), basis(first), np.stack(ends, axis=1).astype(np.int64))
     vertices = normal_frame(first).apply(first.vertices)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     painted = np.asarray(0.1 + 0.85 * (vertices - low) / np.maximum(high - low, 1e-300))
     hues = ranks(normal_frame(first).apply(points[0])[:, 0])
     figure = Figure(figsize=(9.5, 6.2), layout="tight")
     panels = [
-        [
-            Panel(first, "matched samples", points[0], hues),
-            Panel(second, f"CC {match.cc:.3f}", points[1], hues),
-        ],
-        [Panel(first, "all vertices", painted=painted), Panel(second, "", painted=painted[partners])],
+        Panel(first, "matched samples", points[0], hues),
+        Panel(second, f"CC {match.cc:.3f}", points[1], hues),
     ]
+    panels += [Panel(first, "all vertices", painted=painted), Panel(second, "", painted=painted[partners])]
+    for place, panel in zip((1, 2, 4, 5), panels, strict=True):
+        panel.draw(figure.add_subplot(2, 3, place, projection="3d"))
     rotation = fit_rotation_reference(clouds[0][left], clouds[1][right], 1)[1]
     views = [("spectral domain", clouds[0]), ("after the orthogonal map", clouds[0] @ rotation)]
-    for row, (pair, (caption, cloud)) in enumerate(zip(panels, views, strict=True)):
-        for column, panel in enumerate(pair):
-            panel.draw(figure.add_subplot(2, 3, 3 * row + column + 1, projection="3d"))
-        axes = figure.add_subplot(2, 3, 3 * row + 3, projection="3d")
+    for place, (caption, cloud) in zip((3, 6), views, strict=True):
+        axes = figure.add_subplot(2, 3, place, projection="3d")
         for matched, marker in ((cloud[left], "o"), (clouds[1][right], "^")):
             axes.scatter(*matched[:, :3].T, c=colormaps["hsv"](hues), s=12, marker=marker, depthshade=False)
         bare(axes, caption)
@@ -181,20 +179,20 @@ def classes_figure(meshes: Sequence[Mesh], labels: Sequence[str], found: Classif
     return grid(rows, size=1.25)
 
 
-def made_collection(folder: Path) -> Path:
+def write_gallery(folder: Path) -> None:
     """Write made shapes as a collection."""
-    for label in CLASSES:
-        (folder / label).mkdir()
-        for pose in range(POSES):
-            path = folder / label / f"{label}-{pose:02d}.ply"
-            path.write_bytes(write_mesh(make_shape(label, pose), "ply"))
-    return folder
+    for label, pose in product(CLASSES, range(POSES)):
+        path = folder / label / f"{label}-{pose:02d}.ply"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(write_mesh(make_shape(label, pose), "ply"))
 
 
 def main(folder: Path, collection: Path | None, shown: str, limit: int | None, workers: int) -> None:
     """Draw the six figures."""
     with TemporaryDirectory() as scratch:
-        files = collection_files(collection or made_collection(Path(scratch)), limit)
+        if collection is None:
+            write_gallery(Path(scratch))
+        files = collection_files(collection or Path(scratch), limit)
         classes = {str(path): label for path, label in files}
         named = [(path, str(path)) for path, _ in files]
         names, scores = score_collection(named, DEFAULT, workers)

@@ -8,7 +8,6 @@ copy at the tolerance of the first is `variant`, and the scale of each copy is r
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -59,12 +58,11 @@ def planted_pairs(seed: int) -> Iterator[PlantedPair]:
 
 def changed_part(family: Family, number: int, tolerance: float, kind: str, seed: int) -> tuple[Mesh, float]:
     """Return a part as one of `COPIES` or `VARIANTS` of itself, turned by the seed, and its scale."""
-    drawing = Drawing(number, tolerance, change=next((change for change in VARIANTS if change == kind), None))
-    if kind == "remeshed":
-        drawing = replace(drawing, phase=PHASE)
-    elif kind == "other tolerance":
-        other = TOLERANCES[(TOLERANCES.index(tolerance) + 1) % len(TOLERANCES)]
-        drawing = replace(drawing, tolerance=other, phase=PHASE)
+    if kind == "other tolerance":
+        tolerance = TOLERANCES[(TOLERANCES.index(tolerance) + 1) % len(TOLERANCES)]
+    phase = PHASE if kind in {"remeshed", "other tolerance"} else 0.0
+    change = next((change for change in VARIANTS if change == kind), None)
+    drawing = Drawing(number, tolerance, phase, change)
     scale = SCALES.get(kind, 1.0)
     return moved(part(family, drawing), seed, scale=scale, mirrored=kind == "mirrored"), scale
 
@@ -91,12 +89,8 @@ def _step(kind: str, number: int) -> PlantedPair:
     hole = draw(3, 6, 3)
     holes = [(15.0, 15.0, hole), (wide - 20.0, 12.0, 1.2 * hole), (0.25 * wide, deep - 14.0, 1.4 * hole)]
     first = Prism(corners, holes, high)
-    if kind == "hole":
-        holes = [*holes, (0.5 * wide, 14.0, hole)]
-    elif kind == "moved":
-        holes = [(17.0, 15.0, hole), *holes[1:]]
-    elif kind == "larger":
-        holes = [(15.0, 15.0, LARGER * hole), *holes[1:]]
+    holes = [*holes, *[(0.5 * wide, 14.0, hole)] * (kind == "hole")]
+    holes[0] = (15.0 + 2.0 * (kind == "moved"), 15.0, hole * (LARGER if kind == "larger" else 1.0))
     changed = Prism(corners, holes, high + LONGER * (kind == "longer"))
     scale = SCALES.get(kind, 1.0)
     turn = np.linalg.qr(np.random.default_rng(number).normal(size=(3, 3)))[0]

@@ -28,50 +28,44 @@ from service.evaluation.template_truth import functional_map, spectrum
 from tests.studies.common import run, write
 
 
-def seconds(work: Callable[[], object]) -> float:
-    """Return the seconds that a call takes."""
-    began = perf_counter()
-    work()
-    return perf_counter() - began
-
-
 def embeddings(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]:
-    """Return times and ratios of embedding meshes of about a number of vertices, after one warm-up."""
+    """Return times and ratios of embedding meshes of about a number of vertices."""
     method = Pipeline(DEFAULT)
     rows = []
     for name, mesh in source.nearest(vertices, 5):
         data, surface = write_mesh(mesh, "ply"), TriaMesh(mesh.vertices, mesh.faces)
-        times = np.array(
-            [
-                [embedding_seconds(method, data, "ply"), seconds(partial(compute_shapedna, surface, k=50))]
-                for _ in range(repeats + 1)
-            ][1:]
+        ours, theirs = (
+            partial(embedding_seconds, method, data, "ply"),
+            partial(compute_shapedna, surface, k=50),
         )
-        rows.append({"mesh": name, "vertices": len(mesh.vertices)} | figures(times, "lapy"))
+        rows.append({"mesh": name, "vertices": len(mesh.vertices)} | figures(ours, theirs, "lapy", repeats))
     return rows
 
 
 def matches(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]:
-    """Return times and ratios of matching pairs of one class and of two, after one warm-up."""
+    """Return times and ratios of matching pairs of one class and of two."""
     method = Pipeline(DEFAULT)
     rows = []
     for (first, mesh), (second, other) in pairwise(chain(source, vertices, 4)):
         one_of_many = match_steps(method.embed(mesh), method.embed(other), method)["one_of_many"]
-        spectra = spectrum(mesh), spectrum(other)
-        times = np.array(
-            [[one_of_many(), seconds(partial(functional_map, *spectra))] for _ in range(repeats + 1)][1:]
-        )
-        rows.append({"first": first, "second": second} | figures(times, "pyfmaps"))
+        theirs = partial(functional_map, spectrum(mesh), spectrum(other))
+        rows.append({"first": first, "second": second} | figures(one_of_many, theirs, "pyfmaps", repeats))
     return rows
 
 
-def figures(times: np.ndarray, peer: str) -> dict[str, Spread]:
-    """Return medians and quartiles of our times and the peer's, shape (repeats, 2), and of their ratios."""
-    return {
-        "ours_ms": Spread.of((1e3 * times[:, 0]).tolist()),
-        f"{peer}_ms": Spread.of((1e3 * times[:, 1]).tolist()),
-        f"{peer}_over_ours": Spread.of((times[:, 1] / times[:, 0]).tolist()),
-    }
+def figures(
+    ours: Callable[[], float], theirs: Callable[[], object], peer: str, repeats: int
+) -> dict[str, Spread]:
+    """Return medians and quartiles of our times, the peer's, and their ratios, after one warm-up."""
+    times = np.empty((repeats + 1, 2))
+    for turn in times:
+        turn[0] = ours()
+        began = perf_counter()
+        theirs()
+        turn[1] = perf_counter() - began
+    columns = {"ours_ms": 1e3 * times[:, 0], f"{peer}_ms": 1e3 * times[:, 1]}
+    columns[f"{peer}_over_ours"] = times[:, 1] / times[:, 0]
+    return {name: Spread.of(values[1:].tolist()) for name, values in columns.items()}
 
 
 def main(folder: Path, collection: Path | None, vertices: int, repeats: int) -> None:

@@ -7,6 +7,7 @@ shapes (holes, cuts) are also ranked by partial matching. `tau` replaces the fix
 default setting by the paper's sparse ratio, on meshes of about 600 vertices.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -87,7 +88,7 @@ def tau_parameters(tau: float) -> Parameters:
 def nearest_neighbour(
     similarities: Mapping[str, Floats], scored: np.ndarray, labels: Sequence[str]
 ) -> dict[str, float]:
-    """Return by score the share of n perturbed queries (rows) whose first of n shapes is of their class.
+    """Return NN by score: the share of n perturbed queries (rows) whose first of n shapes is of their class.
 
     A shape without a score, by `scored` of shape (n, n), is ranked last; a query without any is an error. The
     diagonal is not read.
@@ -97,7 +98,7 @@ def nearest_neighbour(
     for name, scores in similarities.items():
         matrix = np.full(scores.shape, scores[pairs].min(initial=0.0) - 1.0)
         matrix[pairs] = scores[pairs]
-        shares[name] = evaluate(matrix, labels, larger_is_closer=True).nn
+        shares[f"nn_{name}"] = evaluate(matrix, labels, larger_is_closer=True).nn
     return shares
 
 
@@ -123,8 +124,7 @@ def similarities_of(
 def perturbed(pool: Executor, gallery: Gallery, name: str, amount: float, seed: int) -> dict[str, float]:
     """Return NN by score, the mean CC with the clean self, and the number of unusable queries."""
     count = len(gallery.files)
-    names = ("cc", "combined", "part") if KINDS[name].part else ("cc", "combined")
-    similarities = {score: np.zeros((count, count)) for score in names}
+    similarities: dict[str, Floats] = defaultdict(lambda: np.zeros((count, count)))
     scored = np.zeros((count, count), dtype=bool)
     with stored(list(gallery.embeddings)) as embeddings:
         query = partial(similarities_of, name, embeddings, amount, seed)
@@ -136,14 +136,9 @@ def perturbed(pool: Executor, gallery: Gallery, name: str, amount: float, seed: 
                     similarities[score][i] = values
                 scored[i] = True
     itself = np.diagonal(similarities["cc"])[np.diagonal(scored)]
-    figures = {
-        f"nn_{score}": share
-        for score, share in nearest_neighbour(similarities, scored, gallery.labels).items()
-    }
-    return figures | {
-        "cc_itself": float(itself.mean()) if len(itself) else 0.0,
-        "unusable": count - len(itself),
-    }
+    mean = float(itself.mean()) if len(itself) else 0.0
+    shares = nearest_neighbour(similarities, scored, gallery.labels)
+    return shares | {"cc_itself": mean, "unusable": count - len(itself)}
 
 
 def with_tau(gallery: Gallery, tau: float, workers: int) -> dict[str, float]:
@@ -160,8 +155,7 @@ def with_tau(gallery: Gallery, tau: float, workers: int) -> dict[str, float]:
             for name, matrix in similarities.items():
                 matrix[np.ix_(places, places)] = getattr(scores, name)
             scored[np.ix_(places, places)] = True
-    shares = nearest_neighbour(similarities, scored, gallery.labels)
-    return {f"nn_{name}": share for name, share in shares.items()} | {"unusable": count - len(usable.files)}
+    return nearest_neighbour(similarities, scored, gallery.labels) | {"unusable": count - len(usable.files)}
 
 
 def main(
@@ -169,27 +163,24 @@ def main(
 ) -> None:
     """Write robustness.csv and its pictures, for the first of the collections."""
     files = collection_files(collections[0], limit)
-    empty = {"nn_part": "", "cc_itself": "", "unusable": ""}
+    rows: list[dict[str, Any]] = []
+    row = dict.fromkeys(
+        ("perturbation", "amount", "seed", "nn_cc", "nn_combined", "nn_part", "cc_itself", "unusable"), ""
+    )
     with worker_pool(DEFAULT, workers) as pool:
         gallery = clean_gallery(pool, files, print, lambda _: None)
         scores = score_pairs(pool, gallery.embeddings, lambda _: None)
         everything = np.ones(scores.cc.shape, dtype=bool)
         clean = nearest_neighbour({"cc": scores.cc, "combined": scores.combined}, everything, gallery.labels)
-        rows: list[dict[str, Any]] = [
-            {"perturbation": "none", "amount": 0.0, "seed": 0}
-            | {f"nn_{name}": share for name, share in clean.items()}
-            | empty
-        ]
+        rows.append({**row, "perturbation": "none", "amount": 0.0, "seed": 0, **clean})
         for name in (name for name in KINDS if name in only):
             for amount in KINDS[name].amounts:
                 for seed in range(1 if amount in KINDS[name].certain else seeds):
                     figures = perturbed(pool, gallery, name, amount, seed)
-                    rows.append(
-                        {**rows[0], **empty, "perturbation": name, "amount": amount, "seed": seed} | figures
-                    )
+                    rows.append({**row, "perturbation": name, "amount": amount, "seed": seed, **figures})
     for tau in TAUS if TAU in only else ():
         figures = with_tau(gallery, tau, workers)
-        rows.append({**rows[0], **empty, "perturbation": TAU, "amount": tau} | figures)
+        rows.append({**row, "perturbation": TAU, "amount": tau, "seed": 0, **figures})
     write(folder / "robustness.csv", rows)
     save(curves(rows), folder / "robustness.png")
     mesh = make_shape("person", 0)

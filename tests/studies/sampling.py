@@ -10,7 +10,7 @@ body and between shapes. A shape takes about ten seconds.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -79,10 +79,8 @@ HALVINGS = 40
 
 
 def distance_histogram(distances: Floats) -> Floats:
-    """Return the paper's r: shares of pairwise distances over the largest one in equal bins, shape (BINS,).
-
-    A bin includes its lower end, the last bin both ends. `distances` has shape (m, m).
-    """
+    """Return the paper's r: shares of pairwise distances (m, m) over the largest one in equal bins,
+    (BINS,)."""
     pairs = distances[np.triu_indices(len(distances), 1)]
     counts, _ = np.histogram(pairs / pairs.max(), bins=BINS, range=(0.0, 1.0))
     return np.asarray(counts / len(pairs))
@@ -103,16 +101,8 @@ def fit_residuals(
 ) -> Floats:
     """Return residuals z - f(x, y) of the least-squares polynomial (Eqs. 6-9) at all n points, shape (n,).
 
-    Parameters
-    ----------
-    points : float64, shape (n, 3)
-        In the normal frame, in units of the root mean square radius.
-    degree : int
-    samples : int64, shape (m,), optional
-        The points to which f is fitted; all by default.
-    probability : float64, shape (n,), optional
-        Probability p with which each point was drawn, positive for the samples. Rows then have weight 1 / p,
-        as by the matrix S of Algorithm 1, and the expected fit is that of all points.
+    f is fitted to the samples, or to all points. Of samples drawn with a probability p, shape (n,), rows have
+    weight 1 / p, as by the matrix S of Algorithm 1, and the expected fit is that of all points.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))
     if samples is None:
@@ -125,7 +115,7 @@ def fit_residuals(
 
 
 def root_mean_square(values: Floats) -> float:
-    """Return the root of the mean square of an array of shape (n,)."""
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
@@ -160,9 +150,8 @@ def rebuilt_error(stiffness: csc_array, areas: Floats, points: Floats, samples: 
 def poisson_disk(distances: Floats, count: int, order: Ints) -> tuple[Ints, float]:
     """Return a Poisson-disk set of `count` of n points, and its radius, by dart throwing (Cook 1986).
 
-    Darts are the points in the given order, int64 of shape (n,); one nearer than the radius to an earlier
-    sample is rejected. The radius is found by bisection; if none gives the exact number, the last few samples
-    are left out. `distances`, of shape (n, n), is symmetric.
+    Darts are the points in the given order; one nearer than the radius to an earlier sample is rejected. The
+    radius is found by bisection; if none gives the exact number, the last few samples are left out.
     """
     low, high, samples = 0.0, 2.0 * float(distances.max()), order
     for _ in range(HALVINGS):
@@ -191,13 +180,7 @@ class Surface:
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Surface":
-        """Clean a mesh and put it in its normal frame.
-
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has no area.
-        """
+        """Clean a mesh and put it in its normal frame."""
         normal, cleaned, frame, _ = prepared(mesh, PARAMETERS)
         return cls(normal, cleaned.mesh, frame)
 
@@ -215,17 +198,12 @@ class Surface:
     @cached_property
     def weights(self) -> dict[bool, Floats]:
         """Lewis weights with the terms as printed and normalised, shape (n,) each."""
-        sampling = PARAMETERS.sampling
-        return {
-            printed: lewis_weights(
-                self.mesh.vertices,
-                degree=sampling.degree,
-                epsilon=sampling.epsilon,
-                normalise=not printed,
-                random=keyed_uniform(self.mesh.vertices, sampling.seed + 1),
-            ).weights
-            for printed in (True, False)
-        }
+        sampling, vertices = PARAMETERS.sampling, self.mesh.vertices
+        random = keyed_uniform(vertices, sampling.seed + 1)
+        weights = partial(
+            lewis_weights, vertices, degree=sampling.degree, epsilon=sampling.epsilon, random=random
+        )
+        return {printed: weights(normalise=not printed).weights for printed in (True, False)}
 
     def select(self, selection: str, tau: float) -> Ints:
         """Return the samples of one of `SELECTIONS` at a sparse ratio, shape (tau n,); repeatable."""
@@ -236,7 +214,7 @@ class Surface:
             case "poisson-disk":
                 return poisson_disk(self.distances, count, np.argsort(uniform))[0]
             case "farthest-point":
-                return farthest_points(edge_graph(self.mesh), count, int(np.argmax((points**2).sum(axis=1))))
+                return self.farthest(count)
         weights = self.weights[bool(printed)]
         match way:
             case "cut":
@@ -246,15 +224,18 @@ class Surface:
         power = PARAMETERS.sampling.coverage_power
         return weighted_farthest_points(edge_graph(self.mesh), points, weights, count, power)
 
+    def farthest(self, count: int) -> Ints:
+        """Return farthest points, the first of them the farthest from the centre, shape (count,)."""
+        first = int(np.argmax((self.mesh.vertices**2).sum(axis=1)))
+        return farthest_points(edge_graph(self.mesh), count, first)
+
     def histogram(self, samples: Ints) -> Floats:
         """Return the histogram of distances between samples, shape (BINS,)."""
         return distance_histogram(self.distances[np.ix_(samples, samples)])
 
     def noisy(self, delta: float) -> "Surface":
-        """Return the surface of the cleaned mesh with Gaussian noise of `delta` times its size.
-
-        The noise depends on the position of a vertex, and scales with delta.
-        """
+        """Return the cleaned mesh with Gaussian noise of `delta` times its size, by the positions of
+        vertices."""
         vertices = self.frame.apply(self.cleaned.vertices)
         size = float(np.linalg.norm(np.ptp(vertices, axis=0))) * self.frame.scale
         uniform = np.stack([keyed_uniform(vertices, axis) for axis in range(3)], axis=1)
@@ -263,17 +244,13 @@ class Surface:
 
     def kept(self, samples: Ints, noisy: "Surface", noisy_samples: Ints) -> float:
         """Return the share of samples in the same of `REGIONS` regions with and without noise."""
-        centres = farthest_points(
-            edge_graph(self.mesh), REGIONS, int(np.argmax((self.mesh.vertices**2).sum(axis=1)))
-        )
-        regions = np.argmin(self.distances[centres], axis=0)
+        regions = np.argmin(self.distances[self.farthest(REGIONS)], axis=0)
         positions = self.frame.apply(noisy.frame.invert(noisy.mesh.vertices[noisy_samples]))
         nearest = np.asarray(cKDTree(self.mesh.vertices).query(positions)[1])
-        shares = [
-            np.bincount(regions[vertices], minlength=REGIONS) / len(vertices)
-            for vertices in (samples, nearest)
-        ]
-        return 1.0 - total_variation(*shares)
+        first, second = (
+            np.bincount(regions[chosen], minlength=REGIONS) / len(chosen) for chosen in (samples, nearest)
+        )
+        return 1.0 - total_variation(first, second)
 
 
 def measures(surface: Surface, noisy: dict[float, Surface], selection: str) -> dict[str, float]:
@@ -287,10 +264,8 @@ def measures(surface: Surface, noisy: dict[float, Surface], selection: str) -> d
         weights = surface.weights["printed" in selection]
         probability = np.minimum(1.0, draw_scale(weights, len(chosen)) * weights)
     degree = PARAMETERS.sampling.degree
-    figures = {
-        "change_between_taus": largest_variation(steady),
-        "largest_gap": gap,
-        "mean_gap": mean_gap,
+    figures = {"change_between_taus": largest_variation(steady), "largest_gap": gap, "mean_gap": mean_gap}
+    figures |= {
         "evenness": evenness,
         "fit_error": root_mean_square(fit_residuals(points, degree, chosen, probability)),
         "rebuilt_error": rebuilt_error(stiffness, areas, points, chosen),
@@ -299,10 +274,8 @@ def measures(surface: Surface, noisy: dict[float, Surface], selection: str) -> d
     for delta, disturbed in noisy.items():
         again = disturbed.select(selection, min(1.0, len(robust) / len(disturbed.mesh.vertices)))
         change = total_variation(surface.histogram(robust), disturbed.histogram(again))
-        figures |= {
-            f"change_noise_{delta:g}": change,
-            f"kept_noise_{delta:g}": surface.kept(robust, disturbed, again),
-        }
+        figures[f"change_noise_{delta:g}"] = change
+        figures[f"kept_noise_{delta:g}"] = surface.kept(robust, disturbed, again)
     return figures
 
 
@@ -320,11 +293,15 @@ def pictures(surface: Surface) -> tuple[Figure, Figure]:
         Panel(mesh, selection, mesh.vertices[samples], np.full(len(samples), 0.62))
         for selection, samples in chosen.items()
     ]
-    residuals = [np.abs(fit_residuals(mesh.vertices, degree)) for degree in DEGREES]
-    largest = float(np.quantile(residuals[0], 0.98)) or 1.0
-    shades = [1.0 - np.minimum(residual / largest, 1.0)[:, None] * [0.1, 0.7, 0.8] for residual in residuals]
+    residuals = {degree: np.abs(fit_residuals(mesh.vertices, degree)) for degree in DEGREES}
+    largest = float(np.quantile(residuals[DEGREES[0]], 0.98)) or 1.0
     painted = [
-        Panel(mesh, f"degree {degree}", painted=shade) for degree, shade in zip(DEGREES, shades, strict=True)
+        Panel(
+            mesh,
+            f"degree {degree}",
+            painted=1.0 - np.minimum(residual / largest, 1.0)[:, None] * [0.1, 0.7, 0.8],
+        )
+        for degree, residual in residuals.items()
     ]
     return grid([panels[:4], panels[4:]]), grid([painted])
 
@@ -337,29 +314,22 @@ def main(folder: Path, collection: Path | None, limit: int) -> None:
         files = [path for path, _ in collection_files(collection, limit)]
         shapes = {path.name: Surface.of(read_mesh(path.read_bytes(), format_of(path.name))) for path in files}
     poses = [Surface.of(make_person(0, pose)) for pose in range(POSES)]
-    fits = [
-        {"shape": name, "vertices": len(surface.mesh.vertices)}
-        | {
-            f"degree_{degree}": root_mean_square(fit_residuals(surface.mesh.vertices, degree))
-            for degree in DEGREES
-        }
-        for name, surface in shapes.items()
-    ]
+    fits: list[dict[str, Any]] = []
+    for name, surface in shapes.items():
+        points = surface.mesh.vertices
+        errors = {f"degree_{degree}": root_mean_square(fit_residuals(points, degree)) for degree in DEGREES}
+        fits.append({"shape": name, "vertices": len(points)} | errors)
     write(folder / "fit.csv", fits)
     noisy = {name: {delta: surface.noisy(delta) for delta in DELTAS} for name, surface in shapes.items()}
     rows: list[dict[str, Any]] = []
+    between: list[dict[str, Any]] = []
     for selection in SELECTIONS:
         figures = [measures(surface, noisy[name], selection) for name, surface in shapes.items()]
-        rows.append(
-            {"selection": selection}
-            | {name: float(np.mean([each[name] for each in figures])) for name in figures[0]}
-        )
+        means = {name: float(np.mean([each[name] for each in figures])) for name in figures[0]}
+        rows.append({"selection": selection} | means)
+        change = change_between(list(shapes.values()), selection) if len(shapes) > 1 else ""
+        between.append({"selection": selection, "poses": change_between(poses, selection), "shapes": change})
     write(folder / "samples.csv", rows)
-    between = [
-        {"selection": selection, "poses": change_between(poses, selection)}
-        | {"shapes": change_between(list(shapes.values()), selection) if len(shapes) > 1 else ""}
-        for selection in SELECTIONS
-    ]
     write(folder / "poses.csv", between)
     samples, fit = pictures(next(iter(shapes.values())))
     save(samples, folder / "sampling-samples.png")

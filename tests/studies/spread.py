@@ -41,13 +41,9 @@ def serving(url: str, scheduler: str) -> Iterator[Client]:
     """Yield a client of a service that embeds on a cluster."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]
-    given = {
-        "ISOSHAPE_DATABASE_URL": url,
-        "ISOSHAPE_SCHEDULER": scheduler,
-        "ISOSHAPE_WORKERS": str(SENDERS),
-        "ISOSHAPE_RATE_LIMIT": "0",
-        "ISOSHAPE_LOG_LEVEL": "error",
-    }
+    settings = {"database_url": url, "scheduler": scheduler, "workers": SENDERS}
+    settings |= {"rate_limit": 0, "log_level": "error"}
+    given = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
     with ChildService(port, given) as service, Client(service.url) as client:
         wait_until_ready(client, service.ended)
         yield client
@@ -94,16 +90,11 @@ def embedded_in_a_second(sent: Sequence[bytes], seconds: float) -> float:
 def ceiling(sent: Sequence[bytes], seconds: float) -> tuple[float, float]:
     """Return what one process and what two embed in a second: medians of turns."""
     with LocalPool(2, seconds=600, warm=partial(warm, DEFAULT)) as pool:
-        rates = [
-            [
-                sum(
-                    task.result()
-                    for task in [pool.submit(embedded_in_a_second, sent, seconds) for _ in range(count)]
-                )
-                for count in (1, 2)
-            ]
-            for _ in range(TURNS)
-        ]
+        rates = np.empty((TURNS, 2))
+        for turn in rates:
+            for count in (1, 2):
+                tasks = [pool.submit(embedded_in_a_second, sent, seconds) for _ in range(count)]
+                turn[count - 1] = sum(task.result() for task in tasks)
     alone, two = np.median(rates, axis=0).tolist()
     return alone, two
 

@@ -13,29 +13,25 @@ Hole = tuple[float, float, float]
 
 @dataclass(frozen=True, eq=False)
 class Prism:
-    """A prism along z.
-
-    Attributes
-    ----------
-    outline : list of (x, y)
-        Corners of the base, counterclockwise.
-    holes : list of (x, y, radius)
-        Through holes.
-    height : float
-    """
+    """A prism along z: its corners (x, y), counterclockwise, its through holes (x, y, radius), and its
+    height."""
 
     outline: list[Point]
     holes: list[Hole]
     height: float
 
     def step(self, turn: np.ndarray, scale: float = 1.0) -> bytes:
-        """The STEP file of the prism, turned by a rotation, shape (3, 3), and scaled."""
+        """Return the STEP file of the prism, turned by a rotation, shape (3, 3), and scaled."""
         file = _Turned(turn, scale)
         solid = file.prism(self)
         # The axes of the product are not turned.
         file.turn = np.eye(3)
         file.product("part", [solid], file.context("millimetre"))
         return bytes(file.data())
+
+
+def _truth(value: bool) -> str:
+    return ".T." if value else ".F."
 
 
 class _Turned(Step):
@@ -55,23 +51,19 @@ class _Turned(Step):
         return str(self.add(f"VERTEX_POINT('',{self.point(place)})"))
 
     def edge(self, vertices, start, end) -> str:
-        """A straight edge between two vertices, (start, end), at two places."""
+        """Add a straight edge between two vertices, (start, end), at two places."""
         way = self.direction(np.subtract(end, start))
         line = self.add(f"LINE('',{self.point(start)},{self.add(f'VECTOR({chr(39) * 2},{way},1.)')})")
         return str(self.add(f"EDGE_CURVE('',{vertices[0]},{vertices[1]},{line},.T.)"))
 
     def loop(self, *edges: tuple[str, bool]) -> str:
-        ways = [
-            self.add(f"ORIENTED_EDGE('',*,*,{edge},{'.T.' if ahead else '.F.'})") for edge, ahead in edges
-        ]
+        ways = [self.add(f"ORIENTED_EDGE('',*,*,{edge},{_truth(ahead)})") for edge, ahead in edges]
         return str(self.listed("EDGE_LOOP", ways))
 
     def face(self, surface: str, outer: str, inner=(), *, outward: bool = True) -> str:
         bounds = [self.add(f"FACE_OUTER_BOUND('',{outer},.T.)")]
         bounds += [self.add(f"FACE_BOUND('',{loop},.T.)") for loop in inner]
-        return str(
-            self.add(f"ADVANCED_FACE('',({','.join(bounds)}),{surface},{'.T.' if outward else '.F.'})")
-        )
+        return str(self.add(f"ADVANCED_FACE('',({','.join(bounds)}),{surface},{_truth(outward)})"))
 
     def prism(self, part: Prism) -> str:
         count, top = len(part.outline), part.height

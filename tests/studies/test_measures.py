@@ -116,9 +116,9 @@ def test_perturbed_queries_without_a_score_are_errors_and_the_diagonal_is_not_re
     labels = ["a", "a", "b", "b"]
     similarities = np.array([[9, 2, 1, 1], [2, 9, 3, 1], [1, 1, 9, 2], [0, 0, 0, 9.0]])
     scored = np.ones((4, 4), dtype=bool)
-    assert nearest_neighbour({"cc": similarities}, scored, labels) == {"cc": 0.5}
+    assert nearest_neighbour({"cc": similarities}, scored, labels) == {"nn_cc": 0.5}
     scored[0] = False
-    assert nearest_neighbour({"cc": similarities}, scored, labels) == {"cc": 0.25}
+    assert nearest_neighbour({"cc": similarities}, scored, labels) == {"nn_cc": 0.25}
 
 
 @pytest.mark.parametrize("tau", [0.1, 0.4])
