@@ -133,15 +133,11 @@ def study_body(
     second = make_body(label, number, vertices=REMESHED) if remeshed else body
     truth, distances = body.partners(second), surface_distances(second)
     pipeline = Pipeline(parameters)
-    sides = [
-        [PreparedMesh.of(side.posed(pose), pipeline) for pose in range(poses)]
-        for side in ([body, second] if remeshed else [body])
-    ]
-    pairs = [
-        _pair_errors((i, j), (sides[0][i], sides[-1][j]), truth, distances, pipeline)
-        for i, j in permutations(range(poses), 2)
-    ]
-    return BodyErrors(label, number, tuple(pairs))
+    firsts = [PreparedMesh.of(body.posed(pose), pipeline) for pose in range(poses)]
+    seconds = [PreparedMesh.of(second.posed(pose), pipeline) for pose in range(poses)] if remeshed else firsts
+    pairs = permutations(range(poses), 2)
+    errors = [_pair_errors(i, j, firsts[i], seconds[j], truth, distances, pipeline) for i, j in pairs]
+    return BodyErrors(label, number, tuple(errors))
 
 
 def study_individuals(label: str, count: int, parameters: Parameters) -> BodyErrors:
@@ -150,22 +146,23 @@ def study_individuals(label: str, count: int, parameters: Parameters) -> BodyErr
     pipeline = Pipeline(parameters)
     prepared = [PreparedMesh.of(body.posed(number), pipeline) for number, body in enumerate(bodies)]
     distances = [surface_distances(body) for body in bodies]
-    pairs = []
+    errors = []
     for i, j in permutations(range(count), 2):
         truth = individual_partners(bodies[i], bodies[j])
-        pairs.append(_pair_errors((i, j), (prepared[i], prepared[j]), truth, distances[j], pipeline))
-    return BodyErrors(label, None, tuple(pairs))
+        errors.append(_pair_errors(i, j, prepared[i], prepared[j], truth, distances[j], pipeline))
+    return BodyErrors(label, None, tuple(errors))
 
 
 def _pair_errors(
-    numbers: tuple[int, int],
-    pair: tuple[PreparedMesh, PreparedMesh],
+    i: int,
+    j: int,
+    first: PreparedMesh,
+    second: PreparedMesh,
     truth: Ints,
     distances: Floats,
     pipeline: Pipeline,
 ) -> PairErrors:
     """Return the errors of one ordered pair, from the truth and the distances on the second surface."""
-    first, second = pair
     match = pipeline.match(first.embedding, second.embedding)
     matched = _vertices(first.embedding, second.embedding, match.correspondence.astype(np.int64))
     samples, _ = symmetric_error(distances, truth, matched[:, 0], matched[:, 1])
@@ -173,7 +170,7 @@ def _pair_errors(
     everywhere = np.arange(truth.shape[1])
     vertices, symmetry = symmetric_error(distances, truth, everywhere, targets)
     direct, _ = symmetric_error(distances, truth[:1], everywhere, targets)
-    return PairErrors(*numbers, match.cc, samples, vertices, symmetry, direct)
+    return PairErrors(i, j, match.cc, samples, vertices, symmetry, direct)
 
 
 def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
@@ -212,12 +209,8 @@ class KnownMesh(PreparedMesh):
 class TruthErrors:
     """Mean geodesic errors of the dense correspondence of two meshes, over the root of the area.
 
-    Attributes
-    ----------
-    direct : float
-        From the true vertices: the left of the first body is the left of the second.
-    symmetric : float
-        The lesser of the errors from the true vertices and from their mirror images.
+    `direct` is from the true vertices: the left of the first body is the left of the second. `symmetric` is
+    the lesser of the errors from these and from their mirror images.
     """
 
     direct: float
@@ -226,20 +219,13 @@ class TruthErrors:
 
 def measured_vertices(template: int, seed: int) -> Ints:
     """Draw the vertices of a template of so many vertices at which errors are measured, ascending."""
-    chosen = np.random.default_rng(seed).permutation(template)[:MEASURED]
-    return np.sort(chosen)
+    return np.sort(np.random.default_rng(seed).permutation(template)[:MEASURED])
 
 
 def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
     """Prepare a mesh with the vertices, in the order of its file, that are those of a template.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of n vertices, as its file has them.
-    truth : int64, shape (g, t)
-        See `KnownMesh`.
-    pipeline : Pipeline
+    `truth`, int64 of shape (g, t), is that of `KnownMesh` in the numbers of the mesh as its file has it.
 
     Raises
     ------
@@ -269,19 +255,9 @@ def truth_errors(first: KnownMesh, second: KnownMesh, targets: Ints) -> TruthErr
 def drawn_pairs(
     classes: Sequence[str], templates: Sequence[str], count: int, seed: int
 ) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Draw ordered pairs of shapes that share a template, without repetition.
+    """Draw at most `count` ordered pairs of shapes of one class, and of two classes, that share a template.
 
-    Parameters
-    ----------
-    classes, templates : sequence of str
-        Of each shape.
-    count : int
-        The most pairs of each kind; all pairs are taken where there are fewer.
-    seed : int
-
-    Returns
-    -------
-    list of pairs of one class, list of pairs of two classes
+    No pair comes twice. `classes` and `templates` are those of each shape.
     """
     random = np.random.default_rng(seed)
     together = [(i, j) for i, j in permutations(range(len(classes)), 2) if templates[i] == templates[j]]

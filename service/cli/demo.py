@@ -120,7 +120,9 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
             if wrong:
                 fail(f"the first neighbour is of another class for {', '.join(wrong)}")
             return
-        _offer(child, needs_key=key is not None)
+        name, data = _shape(CLASSES[0], POSES)
+        (FOLDER / name).write_bytes(data)
+        _offer(child, FOLDER / name, needs_key=key is not None)
 
 
 def _name(label: str, pose: int) -> str:
@@ -203,11 +205,7 @@ def _pictures(client: Client, query: Answered) -> Iterator[tuple[str, bytes]]:
         yield f"{result.rank}. {result.shape.name.removesuffix('.ply')}  CC {result.cc:.3f}", pictures[1]
 
 
-def _offer(child: ChildService, *, needs_key: bool) -> None:
-    """Tell how to send a query, from a file that this writes, and wait for Ctrl-C."""
-    name, data = _shape(CLASSES[0], POSES)
-    query = FOLDER / name
-    query.write_bytes(data)
+def _offer(child: ChildService, query: Path, *, needs_key: bool) -> None:
     say(f"The service runs until Ctrl-C. Its page: {child.url}/. Its documentation: {child.url}/docs. Try:")
     header = '-H "X-API-Key: $ISOSHAPE_API_KEY" ' if needs_key else ""
     output().print(f"curl {header}-F file=@{query} {child.url}/query", soft_wrap=True)

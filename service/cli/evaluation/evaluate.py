@@ -15,7 +15,7 @@ from core.evaluation.retrieval_measures import (
     score_quantiles,
 )
 from core.parameters import DEFAULT, PAPER
-from service.cli.evaluation.options import Collection, Setting, Workers
+from service.cli.evaluation.options import Collection, Limit, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
@@ -59,9 +59,7 @@ def evaluate_command(
     uncapped: Annotated[
         bool, typer.Option("--uncapped", help="Remove the cap on the number of samples.")
     ] = False,
-    limit: Annotated[
-        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
-    ] = None,
+    limit: Limit = None,
     workers: Workers = None,
 ) -> None:
     """Measure retrieval on a labelled collection.

@@ -22,3 +22,5 @@ Workers = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")]
 
 Setting = Annotated[Literal["paper", "default"], typer.Option(help="Parameters of the method.")]
+
+Limit = Annotated[int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")]

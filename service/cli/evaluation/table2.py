@@ -11,7 +11,7 @@ import typer
 from core.evaluation.classification import ALL_CATEGORIES, METHODS, TABLE_2, Category
 from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
-from service.cli.evaluation.options import AsJson, Collection, Setting, Workers
+from service.cli.evaluation.options import AsJson, Collection, Limit, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
@@ -43,9 +43,7 @@ def table2_command(
         bool, typer.Option("--baselines/--no-baselines", help="Measure ShapeDNA, ICP and MDS too.")
     ] = True,
     as_json: AsJson = False,
-    limit: Annotated[
-        int | None, typer.Option(min=2, help="Use only this many shapes, spread over the classes.")
-    ] = None,
+    limit: Limit = None,
     workers: Workers = None,
 ) -> None:
     """Measure the paper's Table 2, category by category.
