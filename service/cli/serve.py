@@ -5,23 +5,22 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
-from socket import AF_INET6, socket
+from socket import socket
 from typing import Annotated
 
 import httpx
 import typer
 
 from core.parameters import Parameters
-from service.client import Client, ClientError
+from service.client import Client
 from service.compute.compilation import compile_kernels, is_compiled
 from service.console import fail, progress, say
 from service.errors import ArchiveServedError
-from service.server.process import LOOPBACK, bind, is_loopback
+from service.server.process import LOOPBACK, StartError, bind, is_loopback, wait_until_ready
 from service.settings import SettingsError, load_parameters, load_settings
 
-ASK_SECONDS = 0.1
 PROBE = httpx.Timeout(5.0)
 END_SECONDS = 1.0
 
@@ -57,8 +56,7 @@ def serve_command(
                 "set ISOSHAPE_API_KEYS to the SHA-256 of a key (`isoshape key` makes one and prints both), "
                 "or listen on 127.0.0.1"
             )
-        name = f"[{address[0]}]" if ":" in address[0] else address[0]
-        url = f"http://{name}:{address[1]}"
+        url = _url(*address[:2])
         # The address of the option is one of the names under which the service answers.
         settings = settings.model_copy(update={"host": host or settings.host})
         with nullcontext() if shared else _alone(settings.database_url, url):
@@ -117,15 +115,9 @@ def told_when_ready(bound: socket, url: str) -> Iterator[None]:
     ended = threading.Event()
 
     def watch() -> None:
-        with Client(_reachable(bound), timeout=PROBE) as client:
-            while not ended.wait(ASK_SECONDS):
-                try:
-                    ready = client.ready()
-                except ClientError:
-                    continue
-                if ready:
-                    say(f"Isoshape listens on {url}")
-                    return
+        with suppress(StartError), Client(_reachable(bound), timeout=PROBE) as client:
+            wait_until_ready(client, ended.is_set)
+            say(f"Isoshape listens on {url}")
 
     thread = threading.Thread(target=watch, daemon=True, name="isoshape-ready")
     thread.start()
@@ -139,9 +131,11 @@ def told_when_ready(bound: socket, url: str) -> Iterator[None]:
 def _reachable(bound: socket) -> str:
     """Return the address at which this process reaches a socket that may listen on all addresses."""
     host, port = bound.getsockname()[:2]
-    if bound.family == AF_INET6:
-        return f"http://[{'::1' if host == '::' else host}]:{port}"
-    return f"http://{LOOPBACK if host == '0.0.0.0' else host}:{port}"
+    return _url({"::": "::1", "0.0.0.0": LOOPBACK}.get(host, host), port)
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def compile_command() -> None:

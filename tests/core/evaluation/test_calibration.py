@@ -1,6 +1,7 @@
 """The fit of `combined` against logistic models that are known, and what judging it may not read."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -30,15 +31,14 @@ def made(seed, labels):
     return LabelledPairs(tuple(labels), 0.5 * (numbers + numbers.transpose(1, 0, 2)))
 
 
-def test_a_logistic_is_recovered_from_its_own_chances():
-    """Every point stands in both classes, weighed by its chances: the truth is the likeliest model."""
+@pytest.mark.parametrize("offsets", [np.zeros(400), 2.0 * np.sin(np.arange(400.0))], ids=["none", "offsets"])
+def test_a_logistic_is_recovered_from_its_own_chances(offsets):
+    """Every point stands in both classes, weighed by its chances; offsets are known, and the rest is
+    fitted."""
     points = np.random.default_rng(0).normal(loc=[0.0, 5.0], size=(400, 2))
-    probabilities = TRUE.class_probability(points)
-    found = fit_logistic(
-        np.concatenate([points, points]),
-        np.repeat([True, False], len(points)),
-        np.concatenate([probabilities, 1.0 - probabilities]),
-    )
+    chances = TRUE.class_probability(points, offsets)
+    same, weights = np.repeat([True, False], len(points)), np.concatenate([chances, 1.0 - chances])
+    found = fit_logistic(np.concatenate([points, points]), same, weights, np.tile(offsets, 2))
     assert found.intercept == pytest.approx(TRUE.intercept, abs=0.02)
     assert found.slopes == pytest.approx(TRUE.slopes, abs=0.005)
 
@@ -98,12 +98,11 @@ def test_every_collection_has_the_same_weight_and_every_pair_counts_once():
     small, large = made(0, ["a", "a", "b", "b", "c"]), made(1, [c for c in "defg" for _ in range(6)])
     rows, same, weights = [], [], []
     for collection in (small, large):
-        n = len(collection.labels)
-        for i in range(n):
-            for j in range(i):
-                rows.append(collection.features[i, j])
-                same.append(collection.labels[i] == collection.labels[j])
-                weights.append(2.0 / (n * (n - 1)))
+        pairs = list(combinations(range(len(collection.labels)), 2))
+        for i, j in pairs:
+            rows.append(collection.features[i, j])
+            same.append(collection.labels[i] == collection.labels[j])
+            weights.append(1.0 / len(pairs))
     expected = fit_logistic(np.array(rows), np.array(same), np.array(weights))
     found = fit([small, large])
     assert found.slopes == pytest.approx(expected.slopes, rel=1e-6)
@@ -136,7 +135,8 @@ def test_no_class_is_both_fitted_and_judged():
 def test_reliability_by_hand():
     labels = ("a", "a", "b")
     probabilities = np.array([[0.5, 0.95, 0.02], [0.95, 0.5, 0.04], [0.02, 0.08, 0.5]])
-    found = reliability([LabelledPairs(labels, np.zeros((3, 3, 1)))], [probabilities])
+    pairs = LabelledPairs(labels, np.zeros((3, 3, 1)))
+    found = reliability([pairs], [probabilities])
     assert found.base_rate == pytest.approx(2.0 / 6.0)
     assert found.share[[0, 9]] == pytest.approx([4.0 / 6.0, 2.0 / 6.0])
     assert found.said[[0, 9]] == pytest.approx([0.04, 0.95])
@@ -144,9 +144,7 @@ def test_reliability_by_hand():
     assert (found.share[1:9] == 0.0).all()
     assert found.error == pytest.approx((4.0 * 0.04 + 2.0 * 0.05) / 6.0)
     assert found.error_above(5) == pytest.approx(0.05)
-    assert (
-        reliability([LabelledPairs(labels, np.zeros((3, 3, 1)))], [0.0 * probabilities]).error_above(5) == 0.0
-    )
+    assert reliability([pairs], [0.0 * probabilities]).error_above(5) == 0.0
 
 
 def test_collections_weigh_the_same_and_a_chance_of_one_is_in_the_last_bin():
@@ -164,21 +162,6 @@ def test_classes_alike_in_kind_are_judged_calibrated():
     found = reliability(collections, probabilities)
     assert found.error < 0.02
     assert found.base_rate == pytest.approx(9.0 / 79.0)
-
-
-def test_an_offset_is_not_fitted():
-    """Points whose chances have a known offset: the fit finds the rest."""
-    points = np.random.default_rng(3).normal(size=(400, 2))
-    offsets = 2.0 * np.sin(np.arange(400.0))
-    chances = TRUE.class_probability(points, offsets)
-    found = fit_logistic(
-        np.concatenate([points, points]),
-        np.repeat([True, False], len(points)),
-        np.concatenate([chances, 1.0 - chances]),
-        np.concatenate([offsets, offsets]),
-    )
-    assert found.slopes == pytest.approx(TRUE.slopes, abs=0.01)
-    assert found.intercept == pytest.approx(TRUE.intercept, abs=0.02)
 
 
 def test_a_collection_of_small_weight_hardly_counts():

@@ -1,20 +1,25 @@
 """A small collection on disk, and the command line run in this process against real services."""
 
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 from typer.testing import CliRunner
 
+from core.embedding import Embedding
 from core.gallery import make_shape
-from core.io import write_mesh
+from core.io import format_of, read_mesh, write_mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
 from service.app import create_app
 from service.cli.commands import command_line
 from service.client import Client
+from service.datasets import read_collection
 from service.evaluation import pairwise_scores
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
@@ -26,19 +31,8 @@ POSES = 3
 @pytest.fixture(autouse=True)
 def environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No setting of the tester's own, one worker, and an empty working folder."""
-    for name in (
-        "DATABASE_URL",
-        "URL",
-        "PIPELINE",
-        "LOG_LEVEL",
-        "HOST",
-        "PORT",
-        "API_KEY",
-        "COLLECTION",
-        "API_KEYS",
-        "READ_KEYS",
-    ):
-        monkeypatch.delenv(f"ISOSHAPE_{name}", raising=False)
+    for name in [name for name in os.environ if name.startswith("ISOSHAPE_")]:
+        monkeypatch.delenv(name)
     monkeypatch.setenv("ISOSHAPE_WORKERS", "1")
     (tmp_path / "cwd").mkdir()
     monkeypatch.chdir(tmp_path / "cwd")
@@ -90,6 +84,21 @@ def collection(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def embeddings(collection: Path) -> list[Embedding]:
+    """The embeddings of the collection, by this process."""
+    pipeline = Pipeline(DEFAULT)
+    files = [path for path, _ in read_collection(collection)]
+    return [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path in files]
+
+
+@pytest.fixture
+def cup(tmp_path: Path) -> Path:
+    path = tmp_path / "a cup.off"
+    path.write_bytes(mesh_bytes("cup", 0))
+    return path
+
+
+@pytest.fixture(scope="session")
 def shared_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     database = tmp_path_factory.mktemp("service") / "archive.sqlite3"
     settings = Settings(database_url=f"sqlite:///{database}", workers=1, log_level="error")
@@ -105,11 +114,12 @@ def archive(shared_service: Client) -> Client:
     return shared_service
 
 
-class Result:
+class Result(NamedTuple):
     """What a command left: its exit status, and what it printed where."""
 
-    def __init__(self, status: int, stdout: str, stderr: str) -> None:
-        self.status, self.stdout, self.stderr = status, stdout, stderr
+    status: int
+    stdout: str
+    stderr: str
 
 
 Run = Callable[..., Result]

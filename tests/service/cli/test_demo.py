@@ -13,12 +13,7 @@ from service.cli import demo
 from service.report import SIZE
 from service.server.process import LOOPBACK
 from tests.service.cli.conftest import CLASSES, Run
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind((LOOPBACK, 0))
-        return int(free.getsockname()[1])
+from tests.service.cli.test_server import free_port
 
 
 @pytest.fixture

@@ -4,11 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from service.cli.commands import COMMANDS
 from service.client import Client
-from tests.service.cli.conftest import mesh_bytes
 
 HEAVY = {"numba", "llvmlite", "sqlalchemy", "scipy", "numpy", "fastapi", "starlette", "uvicorn", "trimesh"}
 
@@ -31,13 +28,6 @@ def imported_by(*arguments: object) -> set[str]:
     return set(done.stderr.splitlines()[-1].removeprefix("imported:").split())
 
 
-@pytest.fixture
-def cup(tmp_path: Path) -> Path:
-    path = tmp_path / "cup.off"
-    path.write_bytes(mesh_bytes("cup", 0))
-    return path
-
-
 def test_a_command_on_a_service_is_light(archive: Client, cup: Path) -> None:
     for arguments in (
         ("ingest", cup, "--url", archive.url),
@@ -50,7 +40,7 @@ def test_a_command_on_a_service_is_light(archive: Client, cup: Path) -> None:
         imported = imported_by(*arguments)
         assert {"typer", f"service.cli.{COMMANDS[arguments[0]].module}"} <= imported
         assert imported & HEAVY == set(), arguments
-    assert [shape.name for shape in archive.shapes()] == ["cup.off"]
+    assert [shape.name for shape in archive.shapes()] == ["a cup.off"]
 
 
 def test_the_library_and_the_client_are_light_until_they_are_used() -> None:

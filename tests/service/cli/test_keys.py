@@ -14,7 +14,7 @@ from service.client import Client, ClientError, ProblemError
 from service.server.process import is_loopback
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
-from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
+from tests.service.cli.conftest import CLASSES, Run
 from tests.service.cli.test_server import free_port
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
@@ -32,13 +32,6 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     )
     with in_thread(create_app(settings), FULL) as client:
         yield client
-
-
-@pytest.fixture
-def cup(tmp_path: Path) -> Path:
-    path = tmp_path / "cup.off"
-    path.write_bytes(mesh_bytes("cup", 0))
-    return path
 
 
 def test_a_key_and_its_digest_are_printed(run: Run) -> None:
@@ -104,7 +97,7 @@ def test_commands_send_a_key(locked: Client, cup: Path, run: Run, monkeypatch: p
     assert (stored.status, stored.stdout) == (0, "1 stored, 0 already there, 0 refused\n")
     monkeypatch.setenv("ISOSHAPE_API_KEY", READ)
     found = run("query", cup, "--url", locked.url, "--json")
-    assert json.loads(found.stdout)["results"][0]["shape"]["name"] == "cup.off"
+    assert json.loads(found.stdout)["results"][0]["shape"]["name"] == "a cup.off"
     refused = run("ingest", cup, "--url", locked.url)
     assert refused.status == 1
     assert "forbidden" in refused.stderr

@@ -16,13 +16,6 @@ from tests.service.html import Parsed
 
 
 @pytest.fixture
-def cup(tmp_path: Path) -> Path:
-    path = tmp_path / "a cup.off"
-    path.write_bytes(mesh_bytes("cup", 0))
-    return path
-
-
-@pytest.fixture
 def no_local_service(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever this machine runs on the default port, look where nothing listens."""
     monkeypatch.setattr(service_address, "DEFAULT_PORT", 9)

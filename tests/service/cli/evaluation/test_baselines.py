@@ -12,13 +12,9 @@ from core.io import format_of, read_mesh
 from service.datasets import read_collection
 from service.evaluation.baselines import BASELINES
 from tests.service.cli.conftest import Run
+from tests.service.cli.evaluation.test_evaluate import KEYS
 
 pytestmark = pytest.mark.studies
-
-KEYS = [
-    "collection", "setting", "rank_by", "shapes", "classes", "nn", "ft", "st", "e", "dcg", "map",
-    "occurrence_skewness", "most_often_wrong", "cc", "per_class",
-]  # fmt: skip
 
 
 @pytest.mark.parametrize("method", BASELINES)

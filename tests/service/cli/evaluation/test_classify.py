@@ -8,31 +8,27 @@ import numpy as np
 import pytest
 
 from core.evaluation.classification import classify
-from core.io import format_of, read_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.datasets import read_collection
 
 
 @pytest.fixture(scope="module")
-def expected(collection):
-    files = read_collection(collection)
-    pipeline = Pipeline(DEFAULT)
-    embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
-    scores = [pipeline.score(one, embeddings) for one in embeddings]
-    labels = [label for _, label in files]
+def expected(collection, embeddings):
+    """Names, labels, and the scores of all pairs."""
+    names, labels = zip(*((str(path), label) for path, label in read_collection(collection)), strict=True)
+    rows = [Pipeline(DEFAULT).score(query, embeddings) for query in embeddings]
     return (
-        [str(path) for path, _ in files],
-        labels,
-        np.array([row.cc for row in scores]),
-        np.array([row.ssd for row in scores]),
+        list(names),
+        list(labels),
+        {by: np.array([getattr(row, by) for row in rows]) for by in ("cc", "ssd")},
     )
 
 
 @pytest.mark.parametrize("rank_by", ["cc", "ssd"])
 def test_the_object(run, collection, expected, rank_by):
-    names, labels, cc, ssd = expected
-    truth = classify(cc if rank_by == "cc" else ssd, labels, larger_is_closer=rank_by == "cc")
+    names, labels, scores = expected
+    truth = classify(scores[rank_by], labels, larger_is_closer=rank_by == "cc")
     done = run("classify", collection, "--rank-by", rank_by, "--json")
     assert (done.status, done.stderr) == (0, "")
     found = json.loads(done.stdout)

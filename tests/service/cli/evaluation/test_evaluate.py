@@ -15,7 +15,6 @@ from scipy.spatial.distance import cdist
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding
 from core.evaluation.retrieval_measures import evaluate
-from core.io import format_of, read_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import pooled_log_odds
@@ -40,13 +39,6 @@ def pool() -> Iterator[Executor]:
         yield pool
 
 
-@pytest.fixture(scope="module")
-def embeddings(collection: Path) -> list[Embedding]:
-    pipeline = Pipeline(DEFAULT)
-    files = [path for path, _ in read_collection(collection)]
-    return [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path in files]
-
-
 def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding], run: Run) -> None:
     done = run("evaluate", collection, "--rank-by", "all", "--json")
     assert done.status == 0
@@ -67,12 +59,8 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     labels = [label for _, label in read_collection(collection)]
     for report in reports:
         assert list(report) == KEYS
-        assert [report[key] for key in ("collection", "setting", "shapes", "classes")] == [
-            "made",
-            "default",
-            9,
-            3,
-        ]
+        about = [report[key] for key in ("collection", "setting", "shapes", "classes")]
+        assert about == ["made", "default", 9, 3]
         expected = evaluate(matrices[report["rank_by"]], labels, larger_is_closer=True)
         for name in KEYS[5:-2]:
             assert report[name] == pytest.approx(getattr(expected, name), abs=1e-9)
@@ -111,13 +99,7 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
         assert scores.ssd[i] == pytest.approx(row.ssd, abs=1e-9)
         assert scores.sim[i] == pytest.approx(row.sim, abs=1e-9)
         differences = differences_of(descriptors_of(embedding), described, row)
-        for name in (
-            "spectral",
-            "global_distance",
-            "part",
-            "part_distance",
-            "reliability",
-        ):
+        for name in ("spectral", "global_distance", "part", "part_distance", "reliability"):
             assert getattr(scores.differences, name)[i] == pytest.approx(getattr(differences, name), abs=1e-9)
         for name, distances in differences.distances.items():
             assert scores.differences.distances[name][i] == pytest.approx(distances, abs=1e-9)
