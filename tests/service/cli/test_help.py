@@ -1,8 +1,6 @@
-"""The help of `isoshape`: groups, whole summaries, and nothing imported for it that a command needs."""
+"""The help of `isoshape`: groups and whole summaries."""
 
 import re
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from typing import get_args
@@ -53,30 +51,3 @@ def test_an_unknown_command_is_told_what_it_may_be(run: Run) -> None:
     done = run("queri")
     assert done.status == 2
     assert "Did you mean 'query'?" in done.stderr
-
-
-def test_help_imports_no_command() -> None:
-    script = (
-        "import sys\n"
-        "from service.cli import main\n"
-        "sys.argv = ['isoshape', '--help']\n"
-        "try:\n"
-        "    main()\n"
-        "finally:\n"
-        "    print(*sys.modules, sep='\\n', file=sys.stderr)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    imported = set(done.stderr.splitlines())
-    assert "Research:" in done.stdout
-    assert "typer" in imported
-    heavy = {"numba", "numpy", "scipy", "sqlalchemy", "pydantic", "fastapi", "uvicorn", "httpx"}
-    assert imported & heavy == set()
-    ours = {name for name in imported if name.split(".")[0] in {"core", "service"}}
-    assert ours == {
-        "core",
-        "core.errors",
-        "service",
-        "service.cli",
-        "service.cli.commands",
-        "service.errors",
-    }

@@ -43,6 +43,15 @@ def test_a_command_on_a_service_is_light(archive: Client, cup: Path) -> None:
     assert [shape.name for shape in archive.shapes()] == ["a cup.off"]
 
 
+def test_help_imports_no_command() -> None:
+    imported = imported_by("--help")
+    assert "typer" in imported
+    assert imported & (HEAVY | {"pydantic", "httpx"}) == set()
+    ours = {name for name in imported if name.split(".")[0] in {"core", "service"}}
+    folders = {name.rpartition(".")[0] for name in ours}
+    assert ours - folders == {"core.errors", "service.cli.commands", "service.errors"}
+
+
 def test_the_library_and_the_client_are_light_until_they_are_used() -> None:
     script = "import sys, core, service.client; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

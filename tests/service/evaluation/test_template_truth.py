@@ -10,18 +10,22 @@ from service.datasets import DatasetError
 from service.evaluation.template_truth import OURS, read_truth, study_truth, summary
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """Two poses of one body as two classes of one template, and a third pose of the first class."""
+def write_truth(folder, *labels):
+    """Write poses of one body, the template of all, with their classes and the truth."""
     body = make_body("pliers", 0, vertices=400)
     rows = ["file,class,template"]
-    for pose, label in enumerate(("near", "near", "far")):
-        (tmp_path / f"{pose}.off").write_bytes(write_mesh(body.posed(pose), "off"))
+    for pose, label in enumerate(labels):
+        (folder / f"{pose}.off").write_bytes(write_mesh(body.posed(pose), "off"))
         for ending, row in ((".vts", 0), (".sym.vts", 1)):
-            np.savetxt(tmp_path / f"{pose}{ending}", body.partners(body)[row] + 1, fmt="%d")
+            np.savetxt(folder / f"{pose}{ending}", body.partners(body)[row] + 1, fmt="%d")
         rows.append(f"{pose}.off,{label},pliers")
-    (tmp_path / "labels.csv").write_text("\n".join(rows))
-    return tmp_path
+    (folder / "labels.csv").write_text("\n".join(rows))
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_truth(tmp_path, "near", "near", "far")
 
 
 def test_pairs_of_one_class_and_of_two(folder):

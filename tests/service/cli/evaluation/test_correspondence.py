@@ -3,14 +3,12 @@
 import json
 from dataclasses import asdict
 
-import numpy as np
 import pytest
 
 from core.evaluation.correspondence_errors import study_body, study_individuals
-from core.gallery.bodies import make_body
-from core.io import write_mesh
 from core.parameters import DEFAULT
 from service.cli.evaluation import correspondence
+from tests.service.evaluation.test_template_truth import write_truth
 
 pytestmark = pytest.mark.studies
 
@@ -61,14 +59,7 @@ def test_an_unknown_class(run):
 
 @pytest.fixture
 def folder(tmp_path):
-    """Two poses of a body with their truth."""
-    body = make_body("pliers", 0, vertices=400)
-    for pose in (0, 1):
-        (tmp_path / f"{pose}.off").write_bytes(write_mesh(body.posed(pose), "off"))
-        for ending, row in ((".vts", 0), (".sym.vts", 1)):
-            np.savetxt(tmp_path / f"{pose}{ending}", body.partners(body)[row] + 1, fmt="%d")
-    (tmp_path / "labels.csv").write_text("file,class\n0.off,pliers\n1.off,pliers\n")
-    return tmp_path
+    return write_truth(tmp_path, "pliers", "pliers")
 
 
 def test_a_folder_with_truth_beside_pyfmaps(run, folder):
