@@ -13,6 +13,7 @@ from service.client import (
     RETRIES,
     AsyncClient,
     Client,
+    ClientError,
     ProblemError,
     UnexpectedAnswerError,
     UnreachableError,
@@ -152,12 +153,10 @@ def test_ready_and_version(archive: Awaited) -> None:
 
 
 def test_problems_name_their_cause(archive: Awaited) -> None:
-    with pytest.raises(ProblemError, match="empty") as refused:
-        archive.upload(("x.off", b""))
-    assert refused.value.kind == "empty-file"
-    with pytest.raises(ProblemError) as refused:
-        archive.query_file(("x.docx", b"x"))
-    assert refused.value.kind == "unknown-format"
+    for file, kind in ((("x.off", b""), "empty-file"), (("x.docx", b"x"), "unknown-format")):
+        with pytest.raises(ProblemError) as refused:
+            archive.query_file(file)
+        assert refused.value.kind == kind
     with pytest.raises(ProblemError) as refused:
         archive.query_file(CUP, top_k=1000)
     assert refused.value.problem.errors is not None
@@ -221,38 +220,41 @@ def problem(kind: str) -> httpx.Response:
 
 
 @pytest.mark.parametrize(
-    "kind", ["busy", "worker-lost", "storage-unavailable", "storage-full", "no-triangles"]
+    ("refusal", "times"),
+    [
+        *((kind, 1 + RETRIES[kind]) for kind in ("busy", "worker-lost", "storage-unavailable")),
+        *((kind, 1) for kind in ("storage-full", "no-triangles")),
+        *((status, 1 + PROXY_RETRIES * (status != 502)) for status in (429, 503, 502)),
+    ],
 )
-def test_only_what_may_pass_is_tried_again_and_not_for_ever(kind: str, answering: Answering) -> None:
-    asked = 0
+def test_only_what_may_pass_is_tried_again_and_not_for_ever(
+    refusal: str | int, times: int, answering: Answering
+) -> None:
+    """A service answers with a problem, a proxy with a status and a page of its own."""
+    asked = []
 
     def refuse(request: httpx.Request) -> httpx.Response:
-        nonlocal asked
-        asked += 1
-        return problem(kind)
+        asked.append(request)
+        if isinstance(refusal, str):
+            return problem(refusal)
+        return httpx.Response(refusal, text="<html>later</html>", headers={"retry-after": "0"})
 
-    with answering(refuse) as client, pytest.raises(ProblemError) as refused:
+    with answering(refuse) as client, pytest.raises(ClientError) as refused:
         client.delete("x")
-    assert refused.value.kind == kind
-    assert asked == 1 + RETRIES.get(kind, 0)
+    if isinstance(refusal, str):
+        assert isinstance(refused.value, ProblemError)
+        assert refused.value.kind == refusal
+    else:
+        assert isinstance(refused.value, UnexpectedAnswerError)
+        assert str(refusal) in str(refused.value)
+    assert len(asked) == times
 
 
-def test_a_service_that_was_busy_gets_the_whole_file_again(answering: Answering) -> None:
-    bodies: list[bytes] = []
-
-    def busy_once(request: httpx.Request) -> httpx.Response:
-        bodies.append(request.read())
-        return problem("busy") if len(bodies) == 1 else problem("malformed-mesh")
-
-    with answering(busy_once) as client, pytest.raises(ProblemError, match="not a mesh"):
-        client.upload(("a.off", b"the bytes"))
-    assert len(bodies) == 2
-    assert all(b"the bytes" in body for body in bodies)
-
-
-def test_an_archive_that_is_streamed_is_sent_again_from_its_beginning(
-    answering: Answering, tmp_path: Path
+@pytest.mark.parametrize("method", ["upload", "send_archive"])
+def test_a_service_that_was_busy_gets_the_whole_file_again(
+    method: str, answering: Answering, tmp_path: Path
 ) -> None:
+    """An archive is streamed, and begins anew."""
     path = tmp_path / "meshes.zip"
     path.write_bytes(bytes(range(256)) * 1000)
     bodies: list[bytes] = []
@@ -262,23 +264,9 @@ def test_an_archive_that_is_streamed_is_sent_again_from_its_beginning(
         return problem("busy" if len(bodies) == 1 else "bad-request")
 
     with answering(busy_once) as client, pytest.raises(ProblemError):
-        client.send_archive(path)
+        getattr(client, method)(path)
     assert len(bodies) == 2
     assert all(path.read_bytes() in body for body in bodies)
-
-
-@pytest.mark.parametrize(("status", "times"), [(429, 1 + PROXY_RETRIES), (503, 1 + PROXY_RETRIES), (502, 1)])
-def test_a_proxy_that_is_busy_is_asked_again_too(status: int, times: int, answering: Answering) -> None:
-    asked = 0
-
-    def refuse(request: httpx.Request) -> httpx.Response:
-        nonlocal asked
-        asked += 1
-        return httpx.Response(status, text="<html>later</html>", headers={"retry-after": "0"})
-
-    with answering(refuse) as client, pytest.raises(UnexpectedAnswerError, match=str(status)):
-        client.delete("x")
-    assert asked == times
 
 
 def test_retried_kinds_are_temporary_ones() -> None:
