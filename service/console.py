@@ -41,18 +41,7 @@ def fail(message: str, status: int = 1) -> NoReturn:
 def print_table(
     title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1, last: int = 0
 ) -> None:
-    """Print a table on standard output.
-
-    Parameters
-    ----------
-    title : str
-    headings : sequence of str
-    rows : sequence of sequences of str
-    left : int
-        Number of columns of text, which come first; the other columns hold numbers.
-    last : int
-        Number of rows below a rule, such as sums.
-    """
+    """Print a table: `left` columns of text, then numbers; the `last` rows, such as sums, below a rule."""
     texts, numbers = headings[:left], headings[left:]
     made = table(*texts, *(f">{heading}" for heading in numbers), fold=headings, title=title)
     for index, row in enumerate(rows):
@@ -84,13 +73,8 @@ def counted(bar: Progress, description: str, total: int) -> Callable[[int], None
 def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -> Table:
     """Return an empty table with a line under its head.
 
-    Parameters
-    ----------
-    *columns : str
-        The heads of the columns; one that begins with ">" is of numbers, to the right.
-    fold : collection of str
-        The heads of the columns whose text may take several lines.
-    title : str, optional
+    A head that begins with ">" is of numbers, to the right. `fold` has the heads of columns whose text may
+    take several lines.
     """
     made = Table(box=box.SIMPLE_HEAD, collapse_padding=True, title=title)
     for column in columns:

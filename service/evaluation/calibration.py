@@ -157,14 +157,8 @@ def study(
 ) -> dict[str, Any]:
     """Fit the models to all pairs, and judge each class by models fitted without it.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the collections.
-    scored : sequence of (labels, PairScores)
-        The labels and the pairs of each collection.
-    perturbed : sequence of LabelledPairs
-        The `part_pairs` of all collections.
+    `scored` has the labels and the pairs of each of the named collections, `perturbed` the `part_pairs` of
+    all.
 
     Returns
     -------

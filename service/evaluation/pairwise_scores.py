@@ -44,14 +44,8 @@ PREPARED_BYTES = 1 << 30
 class PairScores:
     """Scores of all pairs of n shapes, each an array of shape (n, n), symmetric.
 
-    Attributes
-    ----------
-    cc, ssd, sim : float64
-        See `core.embedding.Scores`; the diagonal compares each shape with itself.
-    combined : float64
-        Log odds of the class probability.
-    differences : PairDifferences
-        Of all pairs, each an array of shape (n, n).
+    `cc`, `ssd` and `sim` are those of `core.embedding.Scores`; `combined` is the log odds of the class
+    probability. The diagonal compares each shape with itself.
     """
 
     cc: Floats

@@ -16,13 +16,6 @@ from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.support import small_file, wait_until
 
 
-@pytest.fixture
-def cup(tmp_path: Path) -> Path:
-    path = tmp_path / "cup.off"
-    path.write_bytes(mesh_bytes("cup", 0))
-    return path
-
-
 @pytest.mark.parametrize("command", ["query", "duplicates", "collections"])
 def test_an_archive_that_does_not_exist_is_named_and_not_made(
     command: str, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
@@ -39,15 +32,6 @@ def test_an_archive_that_does_not_exist_is_named_and_not_made(
             f"isoshape: there is no archive at sqlite:///{place}; `isoshape ingest` makes one"
         ]
     assert list(Path.cwd().iterdir()) == []
-
-
-def test_an_unknown_collection_names_the_command_that_makes_it(archive: Client, cup: Path, run: Run) -> None:
-    done = run("query", cup, "--url", archive.url, "--collection", "castings")
-    assert done.status == 1
-    assert done.stderr.splitlines()[-1] == (
-        "isoshape: there is no collection 'castings'; `isoshape collections --create castings` makes one"
-    )
-    assert "PUT" not in done.stderr
 
 
 def test_step_is_a_format_only_where_it_is_installed(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -55,15 +55,16 @@ def counts(table: str) -> dict[str, str]:
 
 
 def test_a_collection_that_is_not_there_is_said_once(
-    archive: Client, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+    archive: Client, cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    path = tmp_path / "cup.off"
-    path.write_bytes(mesh_bytes("cup", 0))
     monkeypatch.setenv("ISOSHAPE_COLLECTION", "misspelt")
-    for command in (("ingest", path), ("query", path), ("duplicates",)):
+    for command in (("ingest", cup), ("query", cup), ("duplicates",)):
         done = run(*command, "--url", archive.url)
         assert (done.status, done.stdout) == (1, "")
-        assert "there is no collection 'misspelt'" in done.stderr.splitlines()[-1]
+        assert done.stderr.splitlines()[-1] == (
+            "isoshape: there is no collection 'misspelt'; `isoshape collections --create misspelt` makes one"
+        )
+        assert "PUT" not in done.stderr
     assert archive.page().total == 0
     with pytest.raises(ClientError, match="'a b'"):
         Client(archive.url, collection="a b")
