@@ -103,14 +103,7 @@ def _run(port: int, picture: Path | None, key: str | None, *, check: bool) -> No
         first = [_shape(label, 0) for label in CLASSES]
         wait_until_ready(client, child.ended)
         _store(client, first)
-        answered = [
-            Answered(
-                label,
-                _name(label, POSES),
-                client.query_file(_shape(label, POSES), top_k=3, correspondences=True),
-            )
-            for label in CLASSES
-        ]
+        answered = [_query(client, label) for label in CLASSES]
         _print(answered)
         wrong = [query.name for query in answered if not query.right]
         if picture is not None:
@@ -158,6 +151,11 @@ def _store(client: Client, first: Sequence[tuple[str, bytes]]) -> None:
     for shape in shapes:
         if shape.id not in kept:
             client.delete(shape.id)
+
+
+def _query(client: Client, label: str) -> Answered:
+    name, data = _shape(label, POSES)
+    return Answered(label, name, client.query_file((name, data), top_k=3, correspondences=True))
 
 
 def _print(answered: list[Answered]) -> None:
