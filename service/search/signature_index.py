@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +35,56 @@ CLOSE = 16
 """Additional neighbours, sorted again by distances in double precision: the database has single precision."""
 
 
+class Selection(Protocol):
+    """The shapes of a signature index that match a filter."""
+
+    def has(self, count: int) -> bool:
+        """Return whether there are at least `count` shapes."""
+
+    def entries(self) -> IndexEntries:
+        """Return all shapes, without their coarse samples."""
+
+    def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
+        """Return the nearest shapes by signatures, then further ones of the nearest by view signatures."""
+
+
+class SignatureIndex(Protocol):
+    """The signatures of all shapes that the active pipeline has embedded."""
+
+    @property
+    def widening(self) -> int:
+        """The factor by which more neighbours are looked for than remain after the ranking by log odds."""
+
+    def select(
+        self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
+    ) -> Selection:
+        """Return the shapes that match a filter, of `stored` in the collection, without some by number."""
+
+    def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
+        """Return the embeddings of the sample of a collection, ascending by shape."""
+
+    def newest(self, session: ReadSession, count: int) -> Ints:
+        """Return the embeddings to cache, the newest last: all, or the last `count`."""
+
+    @property
+    def revision(self) -> int:
+        """The revision of the archive that the signatures in memory are of; 0 if there are none."""
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of the signatures in memory."""
+
+
+def signature_index(container: Container, active_pipeline: ActivePipeline) -> SignatureIndex:
+    """Return the index that the settings name: in memory, or in PostgreSQL."""
+    if container.settings.signatures == "database":
+        return PostgresIndex(active_pipeline.fingerprint)
+    return MemoryIndex(active_pipeline.index)
+
+
 @dataclass(frozen=True, eq=False)
 class MemoryIndex:
-    """The signatures of all shapes that the active pipeline has embedded, in memory.
-
-    `widening` is the factor by which more neighbours are looked for than remain after the ranking by log
-    odds. `PostgresIndex` has the same methods, and its selection those of `MemorySelection`.
-    """
+    """The index of the signatures in memory."""
 
     table: SignatureTable
     widening: ClassVar[int] = 4
@@ -65,7 +108,8 @@ class MemoryIndex:
         if not shapes.is_empty:
             matching = shapes_repository.numbers(session, shapes)
             selected &= np.isin(entries.shapes, np.array(matching, dtype=np.int64))
-        selected &= ~np.isin(entries.shapes, list(excluded))
+        for number in excluded:
+            selected &= entries.shapes != number
         return MemorySelection(entries, np.flatnonzero(selected))
 
     def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
@@ -211,14 +255,3 @@ class PostgresSelection:
         if others and 2 * self.stored < count_shapes(self.session):
             return None
         return EF_SEARCH
-
-
-SignatureIndex: TypeAlias = MemoryIndex | PostgresIndex
-"""An index of signatures: both have the same methods."""
-
-
-def signature_index(container: Container, active_pipeline: ActivePipeline) -> SignatureIndex:
-    """Return the index that the settings name: in memory, or in PostgreSQL."""
-    if container.settings.signatures == "database":
-        return PostgresIndex(active_pipeline.fingerprint)
-    return MemoryIndex(active_pipeline.index)
