@@ -7,6 +7,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from core.embedding import Facts
 from core.gallery import CLASSES, make_shape
 from core.mesh.mesh import Mesh
 
@@ -168,6 +169,21 @@ def decimated(mesh, kept):
     )
     return Mesh(vertices, faces)
 
+
+FACTS = Facts(
+    vertices=52,
+    faces=100,
+    area=1.0,
+    volume=0.1,
+    scale=0.5,
+    components=1,
+    merged_vertices=0,
+    dropped_faces=0,
+    boundary_edges=0,
+    nonmanifold_edges=0,
+    boundary_ratio=0.0,
+)
+"""Of a closed surface with 150 edges."""
 
 GALLERY = CLASSES[:12]
 

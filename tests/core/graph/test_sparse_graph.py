@@ -4,28 +4,22 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
-from scipy.spatial.distance import cdist
+from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from core.graph.bridges import bridges
 from core.graph.edge_graph import diagonals, edge_graph
 from core.graph.geodesics import geodesic_distances
 from core.graph.sparse_graph import sample_distances, sparse_graph
 from core.mesh.cleaning import clean
-from core.mesh.edges import component_labels, half_edges
+from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from tests.core.shapes import (
     MANY_KINDS,
     blob,
-    box,
     faces_shuffled,
     folded,
     icosphere,
-    joined,
-    loose_parts,
     rectangle,
-    shifted,
-    soup,
     turned,
 )
 
@@ -156,34 +150,6 @@ def test_lengths_are_those_of_the_edges():
     np.testing.assert_allclose(graph[edges[:, 0], edges[:, 1]], expected)
     assert graph.nnz == 2 * len(edges)
     assert abs(graph - graph.T).max() == 0.0
-
-
-@pytest.mark.parametrize(
-    "mesh",
-    [
-        pytest.param(loose_parts(), id="table"),
-        pytest.param(soup(icosphere(1)), id="soup"),
-        pytest.param(joined(*(shifted(box(1, 1, 1), (3 * i, 0, 0)) for i in range(9))), id="equal gaps"),
-        pytest.param(
-            joined(*(shifted(box(1, 1, 1), (i, i, i)) for i in (0, 1, 3, 4, 9))), id="corner on corner"
-        ),
-        pytest.param(joined(icosphere(2, 1.0), icosphere(1, 0.3)), id="one inside another"),
-        pytest.param(
-            joined(*(shifted(blob(i, 1), 6 * np.random.default_rng(i).normal(size=3)) for i in range(17))),
-            id="scattered",
-        ),
-    ],
-)
-def test_bridges_are_the_shortest_that_join_all_parts(mesh):
-    number, labels = component_labels(len(mesh.vertices), mesh.faces)
-    pairs = bridges(mesh.vertices, labels)
-    assert len(pairs) == number - 1
-    gaps = cdist(mesh.vertices, mesh.vertices)
-    between = [[gaps[labels == a][:, labels == b].min() for b in range(number)] for a in range(number)]
-    # A sparse graph has no edge of length 0.
-    shortest = minimum_spanning_tree(np.array(between) + 1.0).sum() - len(pairs)
-    assert gaps[pairs[:, 0], pairs[:, 1]].sum() == pytest.approx(shortest, rel=1e-12)
-    assert connected_components(edge_graph(mesh), directed=False)[0] == 1
 
 
 def test_one_part_needs_no_bridge():

@@ -12,6 +12,7 @@ from core.errors import (
 )
 from core.io import Limits, read_mesh
 from tests.core.io.files import CUBE, SQUARES, TRIANGLES, counted, lines, obj, off
+from tests.core.shapes import area
 
 V, F = lines(CUBE, "v "), lines(SQUARES + 1, "f ")
 PENTAGON = np.array([[np.cos(a), np.sin(a), 0] for a in np.arange(5) * 2 * np.pi / 5])
@@ -121,9 +122,7 @@ def test_obj_whose_texture_has_seams_keeps_its_vertices():
 def test_polygons_are_cut_into_fans(write, polygons):
     read = read_mesh(write(PENTAGON, polygons), write.__name__)
     assert read.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
-    a, b, c = (read.vertices[read.faces[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-    assert area == pytest.approx(5 / 2 * np.sin(2 * np.pi / 5))
+    assert area(read) == pytest.approx(5 / 2 * np.sin(2 * np.pi / 5))
 
 
 @pytest.mark.parametrize(

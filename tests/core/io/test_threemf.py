@@ -45,6 +45,10 @@ TURNED = "0 1 0 -1 0 0 0 0 1 0 0 0"
 MATERIAL = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
 
 
+def turned(corners):
+    return np.stack([-corners[..., 1], corners[..., 0], corners[..., 2]], axis=-1)
+
+
 def corners(data, **limits):
     read = read_mesh(data, "3mf", limits=Limits(**limits))
     return read.vertices[read.faces]
@@ -102,18 +106,13 @@ def test_every_unit_is_read_in_millimetres(unit, size):
 
 def test_the_build_places_an_object_wherever_it_says():
     found = corners(package(model(items=[(1, None), (1, MOVED), (1, TURNED)])))
-    turned = np.stack([-CORNERS[..., 1], CORNERS[..., 0], CORNERS[..., 2]], axis=-1)
-    assert np.array_equal(found, np.concatenate([CORNERS, CORNERS + AWAY, turned]))
+    assert np.array_equal(found, np.concatenate([CORNERS, CORNERS + AWAY, turned(CORNERS)]))
 
 
 def test_components_are_placed_in_what_they_are_components_of():
     objects = thing(1) + thing(2, components((1, MOVED), (1, None))) + thing(3, components((2, TURNED)))
     found = corners(package(model(objects, [(3, "2 0 0 0 2 0 0 0 2 0 0 0")])))
-    moved = CORNERS + AWAY
-    expected = np.concatenate(
-        [2 * np.stack([-c[..., 1], c[..., 0], c[..., 2]], axis=-1) for c in (moved, CORNERS)]
-    )
-    assert np.array_equal(found, expected)
+    assert np.array_equal(found, np.concatenate([2 * turned(CORNERS + AWAY), 2 * turned(CORNERS)]))
 
 
 def test_a_mirrored_object_keeps_its_inside():
@@ -128,8 +127,7 @@ def test_parts_in_other_files_of_the_package():
         thing(1, components((8, None, OTHER), (7, TURNED, OTHER))), [(1, None), (7, None, OTHER.upper())]
     )
     found = corners(package(root, {OTHER[1:]: other}))
-    turned = np.stack([-CORNERS[..., 1], CORNERS[..., 0], CORNERS[..., 2]], axis=-1)
-    assert np.array_equal(found, np.concatenate([CORNERS + AWAY, turned, CORNERS]))
+    assert np.array_equal(found, np.concatenate([CORNERS + AWAY, turned(CORNERS), CORNERS]))
 
 
 def test_blocks_join_where_they_should(monkeypatch):
@@ -294,7 +292,6 @@ def test_a_face_that_names_a_vertex_twice_is_left_out():
         write_mesh(Mesh(CUBE, spoilt[-3:]), "3mf")
 
 
-MOVED = "1 0 0 0 1 0 0 0 1 10 20 30"
 TURNED_AND_RAISED = "0 1 0 -1 0 0 0 0 1 5 0 0"
 SLIGHTLY = "0.866025 0.5 0 -0.5 0.866025 0 0 0 1 0 0 0"
 DOUBLED = "2 0 0 0 2 0 0 0 2 0 0 0"

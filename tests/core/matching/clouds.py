@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from core.embedding import Embedding, Facts, Spectrum
+from core.embedding import Embedding, Spectrum
 from core.matching.match_records import embedding_key, make_match_record
 from core.parameters import DEFAULT
+from tests.core.shapes import FACTS
 
 
 def cloud(rng, count, k):
@@ -25,7 +26,7 @@ def embedded(clouds, m):
     regions[:m] = places
     return Embedding(
         fingerprint="",
-        facts=Facts(3, 1, 1.0, 1.0, 1.0, 1, 0, 0, 3, 0, 0.0),
+        facts=FACTS,
         positions=np.zeros((m, 3), dtype=np.float32),
         vertices=places,
         graph_edges=edges,

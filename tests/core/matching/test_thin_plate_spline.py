@@ -129,16 +129,13 @@ def two_places():
     return np.repeat(decaying_cloud(np.random.default_rng(3), 2, 6).astype(np.float64), 15, axis=0)
 
 
-@pytest.mark.parametrize("made", [flat, line, twice, two_places])
+def pairs():
+    return np.repeat(decaying_cloud(np.random.default_rng(4), 16, 6).astype(np.float64), 2, axis=0)
+
+
+@pytest.mark.parametrize("made", [flat, line, twice, two_places, pairs])
 def test_points_that_leave_the_affine_part_open_are_solved_the_other_way(made):
     points = made()
     found = compiled_spline_operators(points, 3, 1.0)
     assert found == pytest.approx(spline_operators(points, 3, 1.0).astype(np.float64), abs=1e-6)
     assert np.isfinite(found).all()
-
-
-def test_points_that_coincide_in_pairs():
-    points = np.repeat(decaying_cloud(np.random.default_rng(4), 16, 6).astype(np.float64), 2, axis=0)
-    assert compiled_spline_operators(points, 3, 1.0) == pytest.approx(
-        spline_operators(points, 3, 1.0), abs=1e-6
-    )
