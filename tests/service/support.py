@@ -3,7 +3,7 @@
 import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -12,6 +12,7 @@ from typing import Any
 
 import httpx
 import numpy as np
+import pytest
 import uvicorn
 from sqlalchemy import ColumnElement, func, select
 
@@ -97,6 +98,22 @@ def serving(
     finally:
         server.should_exit = True
         thread.join()
+
+
+def module_service(
+    *, ready: bool = True, key: str | None = None, stored: Mapping[str, bytes] | None = None, **values: Any
+) -> Any:
+    """Return a fixture: a module's own service, under some settings, that holds OFF files by their names."""
+
+    @pytest.fixture(scope="module")
+    def running(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
+        settings = settings_in(tmp_path_factory.mktemp("service"), **values)
+        with serving(settings, ready=ready, key=key) as running:
+            for name, data in (stored or {}).items():
+                running.store(data, name=name)
+            yield running
+
+    return running
 
 
 def wait_until(condition: Callable[[], object], *, seconds: float) -> None:

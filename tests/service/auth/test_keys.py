@@ -10,33 +10,27 @@ import pytest
 
 from service.auth.keys import COOKIE, SECONDS, digest_of
 from service.observability.logging import LOGGER, JsonFormatter
-from tests.service.support import (
-    Running,
-    assert_problem,
-    serving,
-    settings_in,
-    wait_until,
-)
+from tests.service.support import Running, assert_problem, module_service, wait_until
 
 FULL, READ, BUSY = "isoshape_full-key", "isoshape_read-key", "isoshape_busy-key"
 
 
-@pytest.fixture(scope="module")
-def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service with keys behind a proxy, and a client that sends none."""
-    settings = settings_in(
-        tmp_path_factory.mktemp("locked"),
-        workers=1,
-        api_keys=(digest_of(FULL),),
-        read_keys=(digest_of(READ), digest_of(BUSY)),
-        rate_limit=30,
-        log_level="debug",
-    )
+@pytest.fixture(scope="module", autouse=True)
+def _behind_a_proxy() -> Iterator[None]:
+    """A proxy on this machine says what connection it took."""
     with pytest.MonkeyPatch.context() as patch:
-        # A proxy on this machine says what connection it took.
         patch.setenv("FORWARDED_ALLOW_IPS", "127.0.0.1")
-        with serving(settings, ready=False) as running:
-            yield running
+        yield
+
+
+locked = module_service(
+    ready=False,
+    api_keys=(digest_of(FULL),),
+    read_keys=(digest_of(READ), digest_of(BUSY)),
+    rate_limit=30,
+    log_level="debug",
+)
+"""A service with keys behind a proxy, and a client that sends none."""
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Collections over HTTP: making, naming, listing and deleting them."""
 
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from urllib.parse import quote
 
@@ -22,15 +21,12 @@ from service.storage.tables import (
 from tests.service.collections.support import working_in
 from tests.service.engines import on_both
 from tests.service.jobs.support import ended, pack
-from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+from tests.service.support import Running, assert_problem, module_service, query, small_file, upload
 
 pytestmark = on_both
 
 
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("sets"), undo_days=1)) as running:
-        yield running
+running = module_service(undo_days=1)
 
 
 def names(client: httpx.Client) -> dict[str, int]:

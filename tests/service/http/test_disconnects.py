@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from service.shapes import service as shapes_service
 from tests.service.support import (
     Running,
     assert_problem,
+    module_service,
     query,
     serving,
     settings_in,
@@ -31,16 +32,8 @@ from tests.service.support import (
 )
 from tests.service.tasks import meet, nap_instead, napping
 
-
-@pytest.fixture(scope="module")
-def single(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service with one worker, and room for one more request, that gives a task ten minutes."""
-    settings = settings_in(
-        tmp_path_factory.mktemp("single"), workers=1, queue_length=1, task_seconds=600, log_level="info"
-    )
-    with serving(settings) as running:
-        running.store(small_file(0), name="first")
-        yield running
+single = module_service(queue_length=1, task_seconds=600, log_level="info", stored={"first": small_file(0)})
+"""A service with one worker, and room for one more request, that gives a task ten minutes."""
 
 
 def file_form(data: bytes, name: str) -> dict[str, Any]:

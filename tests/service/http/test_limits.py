@@ -12,9 +12,8 @@ from service.compute import request_queue as work_module
 from tests.service.support import (
     Running,
     assert_problem,
+    module_service,
     query,
-    serving,
-    settings_in,
     small_file,
     upload,
     wait_until,
@@ -27,20 +26,14 @@ VERTICES = 200
 TASK_SECONDS = 10
 
 
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service with one worker, no queue and little patience."""
-    settings = settings_in(
-        tmp_path_factory.mktemp("strict"),
-        workers=1,
-        queue_length=0,
-        task_seconds=TASK_SECONDS,
-        max_upload_bytes=LIMIT,
-        max_vertices=VERTICES,
-        max_faces=2 * VERTICES,
-    )
-    with serving(settings) as running:
-        yield running
+strict = module_service(
+    queue_length=0,
+    task_seconds=TASK_SECONDS,
+    max_upload_bytes=LIMIT,
+    max_vertices=VERTICES,
+    max_faces=2 * VERTICES,
+)
+"""A service with one worker, no queue and little patience."""
 
 
 def test_a_file_above_the_limit_is_refused(strict: Running) -> None:

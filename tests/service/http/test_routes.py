@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-import httpx
 import pytest
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
@@ -18,7 +17,7 @@ from service.openapi_document import document
 from service.settings import Settings
 from service.system import endpoints
 from tests.core.shapes import icosphere
-from tests.service.support import Running, assert_problem, serving, settings_in
+from tests.service.support import Running, assert_problem, module_service, serving, settings_in
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
 KEYS = {"none": None, "wrong": "isoshape_wrong-key", "read": READ, "full": FULL}
@@ -60,17 +59,7 @@ def routes_of(app: FastAPI) -> Iterator[tuple[str, str]]:
 ROUTES = sorted(set(routes_of(create_app(Settings()))))
 
 
-@pytest.fixture(scope="module")
-def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    settings = settings_in(
-        tmp_path_factory.mktemp("keys"),
-        workers=1,
-        api_keys=(digest_of(FULL),),
-        read_keys=(digest_of(READ),),
-        rate_limit=0,
-    )
-    with serving(settings, ready=False) as running:
-        yield running.client
+locked = module_service(ready=False, api_keys=(digest_of(FULL),), read_keys=(digest_of(READ),), rate_limit=0)
 
 
 def allowed(method: str, path: str) -> set[str]:
@@ -90,11 +79,11 @@ def test_every_documented_address_is_among_the_routes() -> None:
 
 @pytest.mark.parametrize(("method", "path"), ROUTES, ids=map(" ".join, ROUTES))
 @pytest.mark.parametrize("name", KEYS)
-def test_who_may_use_an_address(client: httpx.Client, method: str, path: str, name: str) -> None:
+def test_who_may_use_an_address(locked: Running, method: str, path: str, name: str) -> None:
     key = KEYS[name]
     headers = {} if key is None else {"authorization": f"Bearer {key}"}
-    answer = client.request(method, path.replace("{shape_id}", "no-such-shape"), headers=headers)
-    client.cookies.clear()
+    answer = locked.client.request(method, path.replace("{shape_id}", "no-such-shape"), headers=headers)
+    locked.client.cookies.clear()
     if (method, path, name) == ("GET", "/session", "wrong"):
         # It tells what the key may do, and this one is none.
         assert_problem(answer, 401, "unauthorized")

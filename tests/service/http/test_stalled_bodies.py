@@ -7,7 +7,7 @@ import shutil
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import SpooledTemporaryFile
 from typing import Any
@@ -22,6 +22,7 @@ from tests.service.http.responsiveness import assert_others_are_served
 from tests.service.support import (
     Running,
     assert_problem,
+    module_service,
     serving,
     settings_in,
     small_file,
@@ -35,26 +36,14 @@ SLOTS = 4
 MB = 1_000_000
 
 
-@contextmanager
-def waiting(folder: Path, seconds: float) -> Iterator[Running]:
-    """A service with two keys, that waits so many seconds for the next bytes of a body."""
-    keys = {"api_keys": (digest_of(FULL),), "read_keys": (digest_of(READ),)}
-    settings = settings_in(folder, queue_length=SLOTS - 1, receive_seconds=seconds, **keys)
-    with serving(settings, key=FULL) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with waiting(tmp_path_factory.mktemp("stalled"), SECONDS) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def patient(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service that gives no body up while a test runs."""
-    with waiting(tmp_path_factory.mktemp("patient"), 600.0) as running:
-        yield running
+LIMITS = {
+    "queue_length": SLOTS - 1,
+    "api_keys": (digest_of(FULL),),
+    "read_keys": (digest_of(READ),),
+}
+running = module_service(key=FULL, receive_seconds=SECONDS, **LIMITS)
+patient = module_service(key=FULL, receive_seconds=600.0, **LIMITS)
+"""A service that gives no body up while a test runs."""
 
 
 class Folder:

@@ -1,33 +1,26 @@
 """What an archive, and how many of them, may be sent."""
 
 import threading
-from collections.abc import Iterator
 
 import pytest
 
 from service.storage.tables import JobRow
 from tests.service.http.test_disconnects import send as send_part
 from tests.service.jobs.support import begun, causes, ended, pack, send
-from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
+from tests.service.support import Running, assert_problem, module_service, small_file, wait_until
 
 ARCHIVE = 20_000
 MEMBER = 5_000
 
 
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    settings = settings_in(
-        tmp_path_factory.mktemp("strict"),
-        workers=1,
-        max_upload_bytes=2 * MEMBER,
-        max_archive_bytes=ARCHIVE,
-        max_archive_files=3,
-        max_unpacked_bytes=4 * MEMBER,
-        max_unpacked_ratio=2.0,
-        max_jobs=2,
-    )
-    with serving(settings) as running:
-        yield running
+strict = module_service(
+    max_upload_bytes=2 * MEMBER,
+    max_archive_bytes=ARCHIVE,
+    max_archive_files=3,
+    max_unpacked_bytes=4 * MEMBER,
+    max_unpacked_ratio=2.0,
+    max_jobs=2,
+)
 
 
 def test_an_archive_above_the_limit_is_refused(strict: Running) -> None:

@@ -3,7 +3,6 @@
 import os
 import re
 import signal
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from service.compute import request_queue as work_module
 from service.errors import PROBLEMS
 from service.observability.metrics import PREFIX
-from tests.service.support import Running, query, serving, settings_in, small_file, upload, wait_until
+from tests.service.support import Running, module_service, query, small_file, upload, wait_until
 from tests.service.tasks import nap_instead
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "operating.md"
@@ -21,14 +20,8 @@ DOCUMENT = Path(__file__).parents[3] / "docs" / "operating.md"
 Sample = tuple[str, frozenset[tuple[str, str]]]
 
 
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service of its own, whose counts nobody else changes."""
-    settings = settings_in(
-        tmp_path_factory.mktemp("metrics"), workers=1, queue_length=0, shortlist_from=2, shortlist_length=1
-    )
-    with serving(settings) as running:
-        yield running
+running = module_service(queue_length=0, shortlist_from=2, shortlist_length=1)
+"""A service of its own, whose counts nobody else changes."""
 
 
 def values(running: Running) -> dict[Sample, float]:

@@ -17,7 +17,16 @@ from service.shapes.fields import METADATA_BYTES, METADATA_KEYS, NAME_CHARACTERS
 from tests.core.io.files import off
 from tests.core.io.step_files import step_box, step_circle, step_doubled, step_machine
 from tests.core.io.threemf_files import components, model, package, thing
-from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+from tests.service.support import (
+    Running,
+    assert_problem,
+    module_service,
+    query,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+)
 
 MACHINE = step_machine()
 PARTS = ["machine.step/ring", "machine.step/pin", "machine.step/plate", "machine.step/plate"]
@@ -25,10 +34,7 @@ MOVED, DOUBLED = "1 0 0 0 1 0 0 0 1 9 9 9", "2 0 0 0 2 0 0 0 2 0 0 0"
 KEY = "Idempotency-Key"
 
 
-@pytest.fixture(scope="module")
-def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("assemblies"), undo_days=1.0)) as running:
-        yield running
+running = module_service(undo_days=1.0)
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Deleting with a time to undo it."""
 
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -12,18 +11,15 @@ from service.pipelines import repository as pipelines
 from service.shapes.service import purge_old
 from service.storage.tables import NOT_DELETED, BlobRow, EmbeddingRow, ShapeRow
 from tests.service.engines import on_both
-from tests.service.support import Running, assert_problem, serving, settings_in, small_file
+from tests.service.support import Running, assert_problem, module_service, small_file
 
 pytestmark = on_both
 
 DAYS = 3
 
 
-@pytest.fixture(scope="module")
-def keeping(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
-    """A service that keeps what was deleted for some days."""
-    with serving(settings_in(tmp_path_factory.mktemp("keeping"), undo_days=DAYS, workers=1)) as running:
-        yield running
+keeping = module_service(undo_days=DAYS)
+"""A service that keeps what was deleted for some days."""
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 
 import pytest
 
@@ -16,9 +15,8 @@ from tests.service.processes import runs
 from tests.service.support import (
     Running,
     assert_problem,
+    module_service,
     query,
-    serving,
-    settings_in,
     small_file,
     upload,
     wait_until,
@@ -26,13 +24,8 @@ from tests.service.support import (
 from tests.service.tasks import nap_instead, napping, run_out_of_memory
 from tests.soak.hostile.packages import brackets
 
-
-@pytest.fixture(scope="module")
-def frail(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A service with one worker."""
-    with serving(settings_in(tmp_path_factory.mktemp("faults"), workers=1)) as running:
-        running.store(small_file(0), "kept.off", name="kept")
-        yield running
+frail = module_service(stored={"kept": small_file(0)})
+"""A service with one worker."""
 
 
 @pytest.fixture

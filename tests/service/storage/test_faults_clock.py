@@ -1,7 +1,6 @@
 """A wall clock that is set back a day: order, pages, times, jobs, sessions and rates stay right."""
 
 import time
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta, tzinfo
 
 import pytest
@@ -16,7 +15,7 @@ from service.shapes import service as shapes
 from service.storage.tables import JobRow
 from tests.service.engines import either_engine
 from tests.service.jobs.support import ended, pack
-from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
+from tests.service.support import Running, assert_problem, module_service, query, small_file, upload
 
 pytestmark = either_engine
 
@@ -33,17 +32,9 @@ class DayBefore(datetime):
         return datetime.now(tz) - DAY
 
 
-@pytest.fixture(scope="module")
-def clocked(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
-    settings = settings_in(
-        tmp_path_factory.mktemp("clock"),
-        workers=1,
-        api_keys=(digest_of(KEY), digest_of(OTHER)),
-        rate_limit=RATE,
-        log_level="info",
-    )
-    with serving(settings, key=KEY) as running:
-        yield running
+clocked = module_service(
+    key=KEY, api_keys=(digest_of(KEY), digest_of(OTHER)), rate_limit=RATE, log_level="info"
+)
 
 
 def set_back(patch: pytest.MonkeyPatch) -> None:
