@@ -184,7 +184,9 @@ class WorkerSlot(threading.Thread):
             self._start_next()
         if self._next is not None:
             try:
-                self._next.receive(self._pool.start_seconds, self._pool.abandoned.is_set)
+                # A process that was started ahead has had most of its time, and has answered unless it hangs.
+                left = self._next.started + self._pool.start_seconds - time.monotonic()
+                self._next.receive(max(left, RESTART_SECONDS), self._pool.abandoned.is_set)
             except Exception as error:
                 self._end_next(error)
             else:
@@ -241,7 +243,8 @@ class LocalPool(Executor):
     warm : callable
         Called in each new process before its first task; the result is dropped.
     start_seconds : float
-        The longest wait for the end of `warm`; a process that exceeds it is replaced.
+        The longest time from the start of a process to the end of `warm`; a process that exceeds it is
+        replaced.
     replaced : callable
         Called in a thread of the pool whenever a task causes the replacement of its process, with the cause:
         "died", "time-limit" or "given-up".

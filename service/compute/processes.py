@@ -63,6 +63,8 @@ def fork_server() -> ForkServerContext | SpawnContext:
 class WorkerProcess:
     """A process that answers one call at a time. One thread calls; any thread may kill the process.
 
+    `started` is the time of its start, of `time.monotonic`.
+
     Parameters
     ----------
     answer_bytes : int, optional
@@ -79,6 +81,7 @@ class WorkerProcess:
             target=serve, args=(theirs,), kwargs={"untrusted": answer_bytes is not None}, daemon=True
         )
         self._process.start()
+        self.started = time.monotonic()
         theirs.close()
 
     @property

@@ -18,12 +18,15 @@ from core.descriptors.partial import describe_part
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
+from core.graph.bridges import bridges
 from core.io import Limits, read_mesh
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
 from core.matching.thin_plate_spline import compiled_spline_operators
+from core.mesh.box_tree import closest_on_triangles, triangle_tree
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import bounding_box
+from core.mesh.preparation import MOST_IN_TREE, nearest_vertices
 from core.mesh.simplification import contract_edges
 from core.numerics.guarding import guarded
 from core.parameters import Parameters
@@ -204,14 +207,20 @@ def warm(parameters: Parameters) -> None:
 
 
 def warm_surfaces(parameters: Parameters) -> None:
-    """Run the steps from a mesh to its embedding once, and those that draw and reduce large meshes."""
+    """Run the steps from a mesh to its embedding once, and the kernels of rare meshes and of registration."""
     with guarded():
         for mesh in (_bumpy_sheet(), _ring()):
             _pipeline(parameters).embed(mesh)
     draw(_bumpy_sheet(), "ply", SIZES[0])
-    ring = _ring()
-    # Only large meshes are contracted.
-    contract_edges(ring.vertices, ring.faces, len(ring.vertices) // 2)
+    vertices, faces = _ring().vertices, _ring().faces
+    corners, first = vertices[faces], np.zeros((1, 1), dtype=np.int64)
+    # Large meshes, and meshes of several pieces.
+    contract_edges(vertices, faces, len(vertices) // 2)
+    nearest_vertices(np.zeros((MOST_IN_TREE + 1, 3)), vertices)
+    bridges(vertices, np.arange(len(vertices)) % 2)
+    # Registration.
+    closest_on_triangles(corners, first, vertices[:1])
+    triangle_tree(corners).closest(vertices)
 
 
 def warm_matching(parameters: Parameters) -> None:

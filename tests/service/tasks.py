@@ -23,6 +23,14 @@ def fail_to_warm() -> None:
     raise OSError("no warmth today")
 
 
+def hang_second(folder: str) -> None:
+    """Do nothing, but never end in the second process that has the folder."""
+    number = len(list(Path(folder).iterdir()))
+    Path(folder, str(number)).touch()
+    if number == 1:
+        time.sleep(600)
+
+
 def add(a: int, b: int) -> int:
     """The sum."""
     return a + b

@@ -132,13 +132,29 @@ def test_where_nothing_can_be_written_every_process_compiles(
     assert compile_kernels(DEFAULT)
 
 
-def test_every_kernel_of_a_search_is_compiled_before_a_query() -> None:
-    # Compiled code is counted in a new process: other tests have compared spin images in this one.
+@pytest.mark.parametrize(
+    ("work", "kernels"),
+    [
+        ("warm_comparing(tasks.example_records(DEFAULT), DEFAULT)", ["spin_images._nearest_squares"]),
+        (
+            "warm_surfaces(DEFAULT)",
+            [
+                "box_tree.update_gaps",
+                "box_tree._closest.__wrapped__",
+                "preparation._first_nearest.__wrapped__",
+            ],
+        ),
+    ],
+)
+def test_kernels_are_compiled_before_they_are_asked_for(work: str, kernels: list[str]) -> None:
+    # Compiled code is counted in a new process: other tests have called the kernels in this one.
     code = (
         "from core.parameters import DEFAULT\n"
         "from core.descriptors import spin_images\n"
+        "from core.mesh import box_tree, preparation\n"
         "from service.compute import tasks\n"
-        "tasks.warm_comparing(tasks.example_records(DEFAULT), DEFAULT)\n"
-        "print(len(spin_images._nearest_squares.signatures))"
+        f"tasks.{work}\n"
+        f"print(*(len(kernel.signatures) for kernel in [{', '.join(kernels)}]))"
     )
-    assert subprocess.check_output([sys.executable, "-c", code], text=True).split() == ["1"]
+    said = subprocess.check_output([sys.executable, "-c", code], text=True).split()
+    assert said == ["1"] * len(kernels)

@@ -26,6 +26,7 @@ from tests.service.tasks import (
     die,
     environment,
     fail_to_warm,
+    hang_second,
     meet,
     nap,
     raise_oddly,
@@ -199,6 +200,15 @@ def test_ready_while_a_worker_is_renewed() -> None:
         assert pool.submit(add, 1, 1).result(timeout=60) == 2
         wait_until(lambda: not pool.pids(), seconds=5)
         assert pool.ready()
+
+
+def test_a_process_that_is_started_ahead_has_no_more_time_than_another(tmp_path: Path) -> None:
+    warm = partial(hang_second, str(tmp_path))
+    with LocalPool(1, seconds=10, warm=warm, start_seconds=6, tasks_each=2) as pool:
+        first = pool.submit(os.getpid).result(timeout=60)
+        time.sleep(6)
+        assert pool.submit(add, 1, 1).result(timeout=60) == 2
+        wait_until(lambda: pool.pids() not in ([], [first]), seconds=5)
 
 
 def test_a_pool_whose_workers_do_not_start_says_so_and_does_not_hang() -> None:
