@@ -3,7 +3,6 @@
 import dataclasses
 import errno
 import hashlib
-import json
 import os
 import tempfile
 from datetime import UTC, datetime, timedelta
@@ -108,37 +107,6 @@ def test_tags_are_repeated_or_separated_by_commas(service: Running, tags: list[s
         "b",
         "c",
     ]
-
-
-@pytest.mark.parametrize(
-    ("fields", "field"),
-    [
-        ({"name": "x" * 256}, "name"),
-        ({"name": "a\x00b"}, "name"),
-        ({"name": ["one", "two"]}, "name"),
-        ({"tags": ",".join(f"t{i}" for i in range(33))}, "tags"),
-        ({"tags": "x" * 65}, "tags"),
-        ({"tags": "a\nb"}, "tags"),
-        ({"metadata": "{"}, "metadata"),
-        ({"metadata": "[1]"}, "metadata"),
-        ({"metadata": '{"a": NaN}'}, "metadata"),
-        ({"metadata": '{"a": 1e999}'}, "metadata"),
-        ({"metadata": '{"a": "\\ud800"}'}, "metadata"),
-        ({"metadata": json.dumps({"a": "x" * 20_000})}, "metadata"),
-        ({"metadata": json.dumps({str(i): i for i in range(65)})}, "metadata"),
-        ({"metadata": '{"a":' * 9 + "1" + "}" * 9}, "metadata"),
-        ({"metadata": "[" * 30_000}, "metadata"),
-        ({"metadata": '{"a": ' + "1" * 5000 + "}"}, "metadata"),
-        ({"nmae": "horse"}, "nmae"),
-    ],
-)
-def test_a_bad_field_is_refused_by_its_name(service: Running, fields: dict[str, str], field: str) -> None:
-    problem = assert_problem(
-        upload(service.client, small_file(0), "bird.off", **fields), 422, "bad-request-fields"
-    )
-    assert {error["field"].partition(".")[0] for error in problem["errors"]} == {field}
-    assert field in problem["detail"]
-    assert service.client.get("/shapes").json()["total"] == 0
 
 
 def test_a_form_without_a_file_is_refused(service: Running) -> None:

@@ -156,24 +156,6 @@ def test_a_picture_shows_both_side_by_side(shared: Running, ids: tuple[str, str]
         assert (np.ptp(seen[:, :3], axis=1) < 20).mean() > 0.99
 
 
-@pytest.mark.parametrize(
-    ("params", "field"),
-    [
-        ({"format": "npz", "dense": "false"}, "format"),
-        ({"format": "png", "dense": "false"}, "format"),
-        ({"format": "glb", "dense": "false", "paint": "difference"}, "paint"),
-        ({"format": "html"}, "format"),
-        ({"paint": "rainbow"}, "paint"),
-        ({"dense": "perhaps"}, "dense"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(
-    shared: Running, ids: tuple[str, str], params: dict[str, str], field: str
-) -> None:
-    problem = assert_problem(dense(shared, *ids, **params), 422, "bad-request-fields")
-    assert [each["field"] for each in problem["errors"]] == [field]
-
-
 def test_bodies_that_do_not_fit_are_refused(shared: Running, ids: tuple[str, str]) -> None:
     post = shared.client.post
     mesh = ("x.off", OTHER)

@@ -67,14 +67,6 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     assert sum(stages.values()) - stages["total"] <= stages["total"] + 0.01
 
 
-def test_a_stored_shape_is_found_first_by_its_own_file(stocked: Running) -> None:
-    first = query(stocked.client, small_file(3)).json()["results"][0]
-    assert first["shape"]["name"] == "chair-second.off"
-    assert first["cc"] == pytest.approx(1, abs=1e-6)
-    assert first["ssd"] == pytest.approx(0, abs=1e-6)
-    assert first["sim"] == pytest.approx(1, abs=1e-6)
-
-
 @pytest.mark.parametrize(("rank_by", "sign"), [("cc", -1), ("ssd", 1), ("sim", -1), ("combined", -1)])
 def test_results_are_sorted_as_asked_and_a_longer_answer_only_adds(
     stocked: Running, rank_by: str, sign: int
@@ -115,17 +107,6 @@ def test_similar_shapes_are_the_query_by_id(stocked: Running, options: dict[str,
     times = by_body.pop("milliseconds"), by_address.pop("milliseconds")
     assert set(times[0]) == set(times[1])
     assert by_address == by_body
-
-
-@pytest.mark.parametrize(
-    ("tags", "compared"),
-    [("bird", 2), ("first", 4), ("bird,first", 1), (["bird", "first"], 1), ("nothing", 0), ("", 8)],
-)
-def test_a_filter_keeps_what_has_all_its_tags(stocked: Running, tags: str | list[str], compared: int) -> None:
-    answer = query(stocked.client, small_file(20), tag=tags, top_k=100).json()
-    assert (answer["compared"], answer["stored"], len(answer["results"])) == (compared, 8, compared)
-    wanted = {tag for tag in (tags.split(",") if isinstance(tags, str) else tags) if tag}
-    assert all(wanted <= set(result["shape"]["tags"]) for result in answer["results"])
 
 
 def test_options_may_stand_in_the_address_the_form_or_the_object(stocked: Running) -> None:

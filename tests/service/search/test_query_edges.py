@@ -44,63 +44,6 @@ def test_an_empty_archive_answers_with_nothing(service: Running) -> None:
     assert (answer["compared"], answer["stored"]) == (0, 0)
 
 
-@pytest.mark.parametrize(
-    ("fields", "field"),
-    [
-        ({"top_k": 0}, "top_k"),
-        ({"top_k": 101}, "top_k"),
-        ({"top_k": "three"}, "top_k"),
-        ({"top_k": "NaN"}, "top_k"),
-        ({"top_k": ["1", "2"]}, "top_k"),
-        ({"rank_by": "beauty"}, "rank_by"),
-        ({"exhaustive": "perhaps"}, "exhaustive"),
-        ({"tag": "x" * 65}, "tag"),
-        ({"topk": 3}, "topk"),
-        ({"shape_id": "x"}, "shape_id"),
-    ],
-)
-def test_a_bad_option_is_refused_by_its_name(service: Running, fields: dict[str, str], field: str) -> None:
-    data = small_file(20)
-    problem = assert_problem(query(service.client, data, **fields), 422, "bad-request-fields")
-    assert problem["errors"][0]["field"] == field
-    in_address = service.client.post("/query", params=fields, files={"file": ("bird.off", data)})
-    assert assert_problem(in_address, 422, "bad-request-fields")["errors"][0]["field"] == field
-    similar = service.client.get("/shapes/none/similar", params=fields)
-    assert assert_problem(similar, 422, "bad-request-fields")["errors"][0]["field"] == field
-
-
-@pytest.mark.parametrize("path", ["/query", "/shapes/none/similar"])
-@pytest.mark.parametrize("metadata", ["year", "=2024"])
-def test_a_bad_filter_is_refused_before_the_file_is_read(service: Running, path: str, metadata: str) -> None:
-    send = (
-        {"method": "POST", "files": {"file": ("bird.off", b"no mesh")}}
-        if path == "/query"
-        else {"method": "GET"}
-    )
-    answer = service.client.request(url=path, params={"metadata": metadata}, **send)  # type: ignore[arg-type]
-    assert assert_problem(answer, 422, "bad-request-fields")["errors"][0]["field"] == "metadata"
-
-
-@pytest.mark.parametrize(
-    ("body", "field"),
-    [
-        ("{", "body"),
-        ("[]", "body"),
-        ("", "body"),
-        ("[" * 5000, "body"),
-        ("{}", "shape_id"),
-        ('{"shape_id": 3}', "shape_id"),
-        ('{"shape_id": "a", "top_k": 1e999}', "top_k"),
-        ('{"shape_id": "\\ud800"}', "shape_id"),
-    ],
-)
-def test_a_bad_object_is_refused_by_its_field(service: Running, body: str, field: str) -> None:
-    for path in ("/query", "/compare") if field == "body" else ("/query",):
-        answer = service.client.post(path, content=body, headers={"content-type": "application/json"})
-        problem = assert_problem(answer, 422, "bad-request-fields")
-        assert problem["errors"][0]["field"] == field
-
-
 def test_a_bad_option_in_the_address_is_refused_though_the_body_overrides_it(service: Running) -> None:
     shape = service.store(small_file(0))["id"]
     for body in (

@@ -231,13 +231,6 @@ def test_metadata_without_room_for_that_of_the_parts_are_refused(service: Runnin
     assert upload(service.client, MACHINE, "machine.step", metadata=metadata).status_code == 201
 
 
-def test_another_way_to_split_is_refused(service: Running) -> None:
-    problem = assert_problem(
-        upload(service.client, MACHINE, "machine.step", split="solids"), 422, "bad-request-fields"
-    )
-    assert [error["field"] for error in problem["errors"]] == ["split"]
-
-
 def test_a_long_name_is_cut_before_that_of_the_part(service: Running) -> None:
     parts = split(service, name="n" * NAME_CHARACTERS).json()["parts"]
     assert [len(part["name"]) for part in parts] == [NAME_CHARACTERS] * 4

@@ -101,14 +101,6 @@ def test_a_wrong_range_is_refused(stocked: Running) -> None:
             assert "min..max" in problem["detail"] or "exceeds the greatest" in problem["detail"]
 
 
-@pytest.mark.parametrize("wrong", ["0", "10.5", "nan"])
-def test_a_wrong_tolerance_is_refused(stocked: Running, wrong: str) -> None:
-    data = write_mesh(MESHES["bar.off"], "off")
-    answer = query(stocked.client, data, scale="respect", size_tolerance=wrong)
-    problem = assert_problem(answer, 422, "bad-request-fields")
-    assert [error["field"] for error in problem["errors"]] == ["size_tolerance"]
-
-
 def test_the_tolerance_of_sizes_is_the_clients_to_choose(stocked: Running) -> None:
     data = write_mesh(scaled(MESHES["bar.off"], 1.25), "off")
     for tolerance, expected in ((None, []), (0.2, []), (0.3, ["bar.off"])):
