@@ -79,14 +79,6 @@ def test_fields_have_their_shapes_and_types(embedded):
             assert len(spectrum.eigenvalues) >= spectral.dimensions
 
 
-def test_coordinates_are_centred_and_of_unit_radius(embedded):
-    for made in embedded[1]:
-        for spectrum in made.spectra:
-            points = spectrum.coordinates.astype(np.float64)
-            assert points.mean(axis=0) == pytest.approx(0.0, abs=1e-5)
-            assert np.sqrt((points**2).sum(axis=1).mean()) == pytest.approx(1.0, abs=1e-5)
-
-
 def test_every_point_belongs_to_a_sample_and_every_sample_to_itself(embedded):
     for made in embedded[1]:
         m = len(made.positions)

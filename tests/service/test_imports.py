@@ -44,7 +44,7 @@ ALLOWED_OUTSIDE = {
 
 # Who alone imports a package.
 ONLY = {
-    "trimesh": ("core.io", "service.evaluation.baselines"),
+    "trimesh": ("core.io.trimesh_export", "service.evaluation.baselines"),
     "lapy": ("service.evaluation.baselines",),
     "sklearn": ("service.evaluation.baselines",),
     "service.evaluation": ("service.evaluation", "service.cli"),

@@ -110,13 +110,6 @@ def make_targets(command):
     return [word for word in call[1].split() if re.fullmatch(r"[a-z-]+", word)] if call else []
 
 
-def test_make_targets_are_found_in_markdown():
-    text = "Say `make demo CHECK=1`, make no haste.\n\n    make clean\n"
-    text += "```sh\n$ A=b make test types # make tea\nmake\n```\n"
-    found = {target for line in commands(text) for target in make_targets(line)}
-    assert found == {"demo", "test", "types", "clean"}
-
-
 def test_the_targets_that_the_pages_name_exist():
     targets = set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     named = {}

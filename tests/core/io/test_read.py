@@ -1,6 +1,5 @@
 """Reading and writing whatever the format: names, round trips, outside truth, and odd but sound meshes."""
 
-import ast
 from pathlib import Path
 
 import numpy as np
@@ -238,17 +237,3 @@ def test_a_line_whose_points_are_rounded_has_no_area(format, offset):
     line = Mesh(np.outer([1, 2, 3, 7], [0.1, 0.7, 0.3]) + offset, [[0, 1, 2], [1, 2, 3]])
     with pytest.raises(DegenerateMeshError):
         read_mesh(write_mesh(line, format), format)
-
-
-def test_trimesh_is_imported_in_one_place():
-    """Only one module of the package, so that nothing else can let it loose on bytes."""
-    importers = []
-    for path in Path(core.io.__file__).parent.glob("*.py"):
-        tree = ast.parse(path.read_text())
-        names = [
-            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
-        ]
-        names += [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
-        if any(name.split(".")[0] == "trimesh" for name in names):
-            importers.append(path.name)
-    assert importers == ["trimesh_export.py"]

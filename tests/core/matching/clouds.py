@@ -4,7 +4,9 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Spectrum
-from core.matching.match_records import embedding_key, make_match_record
+from core.matching.kernels.match_record import encoded
+from core.matching.kernels.one_to_many import MATCH_RECORD
+from core.matching.match_records import compared, embedding_key, make_match_record, search_rounds
 from core.parameters import DEFAULT
 from tests.core.shapes import FACTS
 
@@ -52,6 +54,19 @@ def random_record(seed, m, d, k, blocks):
     """What matching reads of random clouds of d points in `blocks` domains of k dimensions, m the samples."""
     rng = np.random.default_rng(seed)
     return record_of(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
+
+
+def columns(seed, count, k, scale=1.0):
+    """A cloud in rows of coordinates."""
+    return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
+
+
+def compared_pair(first, second, parameters=DEFAULT):
+    """Scores and map, of the first shape to the second if the first is that of the lesser key."""
+    record = encoded(second)
+    data, ends = record.view(np.uint8), np.array([record.nbytes])
+    scores, rotation = compared(encoded(first), data, ends, MATCH_RECORD, search_rounds(parameters))
+    return scores[0], rotation
 
 
 def record_of(embedding, parameters=DEFAULT):

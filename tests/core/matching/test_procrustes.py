@@ -7,14 +7,19 @@ import numpy as np
 import pytest
 
 from core.embedding import Spectrum
-from core.matching.kernels.match_record import ONE, encoded
-from core.matching.kernels.one_to_many import MATCH_RECORD
-from core.matching.match_records import compared, search_rounds
+from core.matching.kernels.match_record import ONE
 from core.matching.procrustes import one_to_one_pairs
 from core.matching.similarity import EFFECTIVE
 from core.matching.thin_plate_spline import spline_operators
 from core.parameters import DEFAULT
-from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
+from tests.core.matching.clouds import (
+    cloud,
+    compared_pair,
+    embedded,
+    parameters_for,
+    random_record,
+    record_of,
+)
 
 K = DEFAULT.spectral.dimensions
 TYPES = {
@@ -120,14 +125,6 @@ def test_pairs_shown_are_the_best_of_all_one_to_one_pairs(m, n, seed):
     assert matches.tolist() == list(best)
 
 
-def match(first, second, parameters):
-    """Scores and map, of the first shape to the second if the first is that of the lesser key."""
-    record = encoded(second)
-    data, ends = record.view(np.uint8), np.array([record.nbytes])
-    scores, rotation = compared(encoded(first), data, ends, MATCH_RECORD, search_rounds(parameters))
-    return scores[0], rotation
-
-
 def left(warp, block):
     """How far a spline leaves points from where it should take them."""
     return np.linalg.norm(warp / ONE @ block - block, axis=1)
@@ -137,7 +134,7 @@ def left(warp, block):
 def test_distances_shown_are_those_that_the_softer_spline_leaves(m, n):
     parameters = parameters_for(4)
     first, second = random_record(1, m, m + 20, 4, 2), random_record(2, n, n, 4, 2)
-    _, rotation = match(first, second, parameters)
+    _, rotation = compared_pair(first, second, parameters)
     matches, distances, effective = one_to_one_pairs(first, second, rotation, same=False)
     assert len(np.unique(matches)) == m
     expected = left(first.warp[0], second.points[matches, :4])

@@ -119,26 +119,6 @@ def test_normalised_weights_are_the_larger_of_two_shares():
     assert (residual > leverage).any()
 
 
-def test_printed_weights_follow_the_order_of_the_residuals():
-    points = cloud()
-    found = lewis_weights(points, normalise=False)
-    r2 = printed_constants(28, 0.01)[1]
-    share = found.residual**2 / (found.residual**2).sum()
-    np.testing.assert_allclose(found.weights, np.maximum(1.0, r2 * share))
-    assert (r2 * share > 1.0).all()
-    np.testing.assert_array_equal(np.argsort(found.weights), np.argsort(np.abs(found.residual)))
-
-
-def test_epsilon_enters_r2_alone():
-    points = cloud()
-    coarse, fine = (lewis_weights(points, epsilon=epsilon, normalise=False) for epsilon in (0.1, 0.01))
-    ratio = printed_constants(28, 0.01)[1] / printed_constants(28, 0.1)[1]
-    np.testing.assert_allclose(fine.weights, ratio * coarse.weights)
-    np.testing.assert_array_equal(
-        lewis_weights(points, epsilon=0.1).weights, lewis_weights(points, epsilon=0.01).weights
-    )
-
-
 def test_a_surface_of_degree_five_is_fitted_exactly():
     points = cloud()
     x, y = points[:, 0], points[:, 1]

@@ -10,7 +10,7 @@ from core.matching.kernels.nearest_neighbours import (
     nearest_columns,
     nearest_member,
 )
-from tests.core.matching.clouds import cloud
+from tests.core.matching.clouds import cloud, columns
 from tests.core.matching.reference import (
     closest_reference,
     cross_covariance_reference,
@@ -159,10 +159,6 @@ def test_pairs_all_of_one_place_have_no_cross_products():
 
 
 SCALES = [1e-12, 1.0, 1e12]
-
-
-def columns(seed, count, k, scale=1.0):
-    return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
 
 
 def nearest_column(points, targets, k, low):

@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 
 from core.gallery import make_shape
-from core.matching.kernels.match_record import encoded
-from core.matching.kernels.one_to_many import MATCH_RECORD
 from core.matching.kernels.pair_matching import fit_map, refine_map, score_pairs
 from core.matching.kernels.procrustes import EXACT
-from core.matching.match_records import compared, search_rounds
+from core.matching.match_records import search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from tests.core.matching.clouds import cloud, embedded, parameters_for, random_record, record_of
+from tests.core.matching.clouds import (
+    cloud,
+    compared_pair,
+    embedded,
+    parameters_for,
+    random_record,
+    record_of,
+)
 from tests.core.matching.reference import (
     match_pair_reference,
     refine_map_reference,
@@ -44,15 +49,6 @@ def match(x, y, rounds=ROUNDS):
     fit_map(x, y, rounds, there, back, partners, sources, rotation)
     score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)
     return there, back, rotation, scores
-
-
-def compare(x, y):
-    """Scores and map of two shapes, from the kernel that compares many."""
-    record = encoded(y)
-    scores, rotation = compared(
-        encoded(x), record.view(np.uint8), np.array([record.nbytes]), MATCH_RECORD, ROUNDS
-    )
-    return scores[0], rotation
 
 
 def alike(found, expected):
@@ -91,7 +87,7 @@ def test_any_number_of_rounds(changes):
 
 def test_many_are_compared_in_one_order_as_their_steps_say(shapes):
     for x, y in permutations(shapes[:2] + shapes[-2:], 2):
-        scores, rotation = compare(x, y)
+        scores, rotation = compared_pair(x, y)
         first, second = (
             (x, y)
             if (len(x.offsets), *x.key.view(np.uint32)) < (len(y.offsets), *y.key.view(np.uint32))

@@ -8,12 +8,8 @@ from core.matching.kernels.spline_search import search_maps, signless_correlatio
 from core.matching.match_records import search_rounds
 from core.matching.thin_plate_spline import spline_operators
 from core.matching.tps_matcher import spline_search as plain_search
-from tests.core.matching.clouds import cloud, parameters_for, random_record
+from tests.core.matching.clouds import columns, parameters_for, random_record
 from tests.core.matching.reference import search_maps_reference, signless_correlation_reference
-
-
-def columns(seed, count, k, scale=1.0):
-    return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
