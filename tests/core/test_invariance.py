@@ -5,11 +5,25 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
 
 from core.gallery import make_shape
+from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from tests.core.shapes import SAME_SHAPE, decimated, subdivided, turned
+from tests.core.shapes import (
+    SAME_SHAPE,
+    box,
+    decimated,
+    icosphere,
+    joined,
+    loose_parts,
+    mesh_of,
+    rectangle,
+    shifted,
+    subdivided,
+    turned,
+)
 
 # The paper's 400 samples would cost a minute of matching and test nothing else.
 SETTINGS = {"default": DEFAULT, "paper": PAPER.with_values(sampling={"sample_cap": 120})}
@@ -96,3 +110,50 @@ def test_a_stored_shape_is_found_first_when_it_is_meshed_anew(place, remeshed):
     cc = pipeline.score(pipeline.embed(remeshed(make_shape(*STORED[place]))), embeddings).cc
     assert nearest(cc)[0] == place
     assert cc[place] > 0.95
+
+
+SYMMETRIC = {
+    "cube": box(1, 1, 1),
+    "square bar": box(3, 1, 1),
+    "bar": box(3, 2, 1),
+    "triangle": Mesh([[0, 0, 0], [1, 0, 0], [0, 2, 0]], [[0, 1, 2]]),
+    "sheet": rectangle(3, 2, 24, 16),
+    "sphere": icosphere(3),
+    "cylinder": mesh_of(trimesh.creation.cylinder(radius=1.0, height=3.0, sections=32)),
+    "cone": mesh_of(trimesh.creation.cone(radius=1.0, height=2.0)),
+    "ring": mesh_of(trimesh.creation.torus(major_radius=2.0, minor_radius=0.6)),
+    "table": loose_parts(),
+    "dumbbell": joined(shifted(icosphere(2), (2, 0, 0)), shifted(icosphere(2), (-2, 0, 0))),
+}
+ASYMMETRIC = ["cup", "fish"]
+
+
+@cache
+def symmetric(setting):
+    """A pipeline, and embeddings of shapes full of ties, which rounding must not decide."""
+    pipeline = Pipeline({"default": DEFAULT, "paper": PAPER}[setting])
+    meshes = [*SYMMETRIC.values(), *(make_shape(label, 0) for label in ASYMMETRIC)]
+    return pipeline, [pipeline.embed(mesh) for mesh in meshes]
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_a_symmetric_shape_given_otherwise_has_the_same_neighbours(name, setting):
+    pipeline, embeddings = symmetric(setting)
+    place = list(SYMMETRIC).index(name)
+    expected = pipeline.score(embeddings[place], embeddings).cc
+    for change in ("turned", "vertices shuffled", "all of these"):
+        found = pipeline.embed(SAME_SHAPE[change](SYMMETRIC[name]))
+        cc = pipeline.score(found, embeddings).cc
+        assert np.abs(cc - expected).max() <= DRIFT, change
+        assert (np.argsort(-cc)[:3] == np.argsort(-expected)[:3]).all(), change
+        np.testing.assert_allclose(found.signature, embeddings[place].signature, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", SYMMETRIC)
+def test_nor_does_rounding_to_single_precision(name):
+    pipeline, embeddings = symmetric("default")
+    place = list(SYMMETRIC).index(name)
+    turned = SAME_SHAPE["turned"](SYMMETRIC[name])
+    rounded = pipeline.embed(Mesh(turned.vertices.astype(np.float32), turned.faces))
+    assert pipeline.match(rounded, embeddings[place]).cc >= 1.0 - DRIFT

@@ -1,11 +1,9 @@
 """Reports: what their pictures show, and that the page is whole, safe and always the same."""
 
-from io import BytesIO
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from core.io import read_mesh
 from core.mesh.mesh import Mesh
@@ -16,14 +14,11 @@ from service.report import SCORES, SIZE, MatchReport, Preview, matched, page
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
 from service.system.schemas import Version
 from tests.service.html import Parsed
+from tests.service.previews.test_previews import pixels
 from tests.service.support import small_file
 
 BALL = read_mesh(small_file(0), "off")
 NASTY = '<script>alert("1")</script> & <b>.off'
-
-
-def pixels(png: bytes) -> np.ndarray:
-    return np.asarray(Image.open(BytesIO(png)).convert("RGBA")).astype(float)
 
 
 def pairs(first: np.ndarray, second: np.ndarray) -> list[Pair]:
