@@ -1,9 +1,7 @@
 """The errors of the service, and the table of problems with which they are answered."""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
-
-from pydantic import Field
+from typing import ClassVar
 
 CHALLENGE = 'Bearer realm="isoshape"'
 
@@ -48,8 +46,8 @@ class ServiceError(Exception):
 class FieldFault:
     """A field of a request and the reason why its value is invalid."""
 
-    field: Annotated[str, Field(examples=["metadata"])]
-    message: Annotated[str, Field(examples=["not JSON: Expecting value at character 0"])]
+    field: str
+    message: str
 
 
 class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):
