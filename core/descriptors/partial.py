@@ -56,8 +56,8 @@ ROW_COUNTS = {False: KEYPOINTS, True: KEYPOINTS + PART_ROWS}
 def describe_part(surface: Mesh) -> Bytes:
     """Return the spin images of a surface as a part, for each share of `MISSING_SHARES` after the other.
 
-    The surface is clean, with area > 0 and its boundary loops open. Of the result, uint8, shape (PART_ROWS,
-    SPIN_IMAGE_LENGTH + len(RADII)), the last columns are 1 for each usable support ball of the keypoint.
+    The surface is clean, with area > 0 and its boundary loops open. The result is uint8, shape (PART_ROWS,
+    SPIN_IMAGE_LENGTH + len(RADII)); its last columns are 1 for each usable support ball of the keypoint.
     """
     boundary = _boundary_points(surface)
     tree = cKDTree(boundary) if len(boundary) else None

@@ -59,7 +59,7 @@ def possible_copies(surfaces: Invariants, index: int, residual: float) -> NDArra
     gaps = np.abs(surfaces.extents[near] - surfaces.extents[index])
     near = near[(gaps <= EXTENT).all(axis=1)]
     gaps = np.abs(surfaces.descriptors[near] - surfaces.descriptors[index])
-    # Of an open surface, the volume is only a number.
+    # The volume of an open surface is only a number.
     closed = surfaces.closed[near] & surfaces.closed[index]
     within = (gaps <= [VOLUME, VOLUME, HULL_AREA]).all(axis=1) | (~closed & (gaps[:, 2] <= OPEN_HULL_AREA))
     return np.asarray(near[within], dtype=np.intp)

@@ -76,7 +76,7 @@ class SymmetricFactor:
         """Return the solution x of A x = b, of shape (n,) or (n, c); raise ValueError for another length."""
         if len(right) != len(self._inverse):
             raise ValueError(f"{len(right)} rows for a matrix of {len(self._inverse)}")
-        solution = np.array(right.reshape(len(right), -1), dtype=np.float64)
+        solution = np.array(right.reshape(len(right), -1), dtype=np.float64, order="F")
         _solve(self._starts, self._rows, self._values, self._inverse, self._order, solution)
         return solution.reshape(right.shape)
 

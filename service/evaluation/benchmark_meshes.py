@@ -1,4 +1,4 @@
-"""What benchmarks share: meshes of the sizes wanted, repeated measurements, and rows as text."""
+"""Helpers that benchmarks share: meshes of the sizes wanted, repeated measurements, and rows as text."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

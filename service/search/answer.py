@@ -172,20 +172,22 @@ async def search(
         if options.min_cc is not None:
             best = best[matched.cc[best] >= options.min_cc]
         with short_of_memory():
-            found = await run_in_threadpool(
+            best_results = await run_in_threadpool(
                 _read_results,
                 cascade,
                 matched.only(best[: options.top_k]),
                 shapes.collection,
                 every_record=options.correspondences,
             )
-        correspondences: list[list[Pair] | None] = [None] * len(found)
+        correspondences: list[list[Pair] | None] = [None] * len(best_results)
         if options.correspondences:
-            correspondences = [await _correspondence(container, query, result) for result in found]
+            correspondences = [await _correspondence(container, query, result) for result in best_results]
     with timings.stage("likeness"):
         results = [
             await _result(container, query, rank, result, correspondence, part_distances)
-            for rank, (result, correspondence) in enumerate(zip(found, correspondences, strict=True), start=1)
+            for rank, (result, correspondence) in enumerate(
+                zip(best_results, correspondences, strict=True), start=1
+            )
         ]
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     warnings = warnings_of(query.embedding.facts.boundary_ratio)
@@ -272,19 +274,19 @@ def _read_results(
     ]
 
 
-async def _correspondence(container: Container, query: Query, found: SearchResult) -> list[Pair] | None:
+async def _correspondence(container: Container, query: Query, result: SearchResult) -> list[Pair] | None:
     """Match the query with a result; None if the embedding of the result was deleted meanwhile."""
-    if found.surface is None:
+    if result.surface is None:
         return None
-    match = await container.queue.match(query.record, found.surface.record, query.active_pipeline.pipeline)
-    return pairs(match, query.embedding, found.surface.embedding)
+    match = await container.queue.match(query.record, result.surface.record, query.active_pipeline.pipeline)
+    return pairs(match, query.embedding, result.surface.embedding)
 
 
 async def _result(
     container: Container,
     query: Query,
     rank: int,
-    found: SearchResult,
+    result: SearchResult,
     correspondence: list[Pair] | None,
     part_distances: dict[int, float] | None,
 ) -> Result:
@@ -292,25 +294,25 @@ async def _result(
     relation = await relation_of(
         container,
         query,
-        found.surface,
+        result.surface,
         query.active_pipeline.pipeline.parameters,
-        spectral=found.spectral,
-        cc=found.cc,
-        probability=found.probability,
+        spectral=result.spectral,
+        cc=result.cc,
+        probability=result.probability,
     )
-    size_ratio = float((found.shape.facts["area"] / query.embedding.facts.area) ** 0.5)
+    size_ratio = float((result.shape.facts["area"] / query.embedding.facts.area) ** 0.5)
     return Result(
         rank=rank,
-        cc=found.cc,
-        ssd=found.ssd,
-        sim=found.sim,
-        combined=found.combined,
+        cc=result.cc,
+        ssd=result.ssd,
+        sim=result.sim,
+        combined=result.combined,
         likeness=relation.likeness,
         scale=relation.scale,
         difference=LocalDifference.of(relation),
-        part_distance=None if part_distances is None else part_distances[found.shape.number],
+        part_distance=None if part_distances is None else part_distances[result.shape.number],
         size_ratio=size_ratio if relation.scale is None else relation.scale,
-        shape=Shape.of(found.shape),
+        shape=Shape.of(result.shape),
         correspondence=correspondence,
     )
 

@@ -1,4 +1,4 @@
-"""What queries read of stored embeddings: match records, points and descriptors, cached in memory.
+"""The parts of stored embeddings that queries read: match records, points and descriptors, cached in memory.
 
 A query reads the embedding record of a candidate at most once (`CandidateReader`), and makes all that the
 caches lack from it. The cache warmer fills the caches at the start, and as shapes arrive.

@@ -122,7 +122,7 @@ class SearchOptions(Filters):
     rank_by: RankBy = Field(
         default="cc",
         description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
-        "lowest. Of results with equal scores, the one with the lower ssd comes first, then the older shape.",
+        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first.",
     )
     partial: bool = Field(
         default=False,

@@ -75,7 +75,7 @@ def bare(url: str) -> Iterator[Connection]:
 
 
 def rows(folder: Path, query: str) -> list[tuple[Any, ...]]:
-    """What a query past the service finds in a folder's archive."""
+    """The rows that a query past the service finds in a folder's archive."""
     with bare(url_in(folder)) as connection:
         return [tuple(row) for row in connection.exec_driver_sql(query)]
 

@@ -76,7 +76,7 @@ def die() -> None:
 
 
 def return_a_lock() -> object:
-    """What does not pickle."""
+    """An object that does not pickle."""
     return threading.Lock()
 
 
@@ -93,7 +93,7 @@ def raise_oddly() -> None:
 
 
 def environment() -> dict[str, object]:
-    """What the worker was given."""
+    """The argument that the worker was given."""
     return {"pid": os.getpid(), "threads": {name: os.environ[name] for name in THREADS}}
 
 
@@ -103,7 +103,7 @@ def run_out_of_memory(*_arguments: object) -> bytes:
 
 
 def serve_until_killed() -> None:
-    """What a process does that is to be killed: it gives two workers long tasks, and prints their ids."""
+    """The work of a process that is to be killed: it gives two workers long tasks, and prints their ids."""
     pool = LocalPool(2, seconds=600, warm=warm)
     for future in [pool.submit(nap, 600) for _ in range(2)]:
         while not future.running():

@@ -73,7 +73,7 @@ NEVER = {
 
 @cache
 def imports() -> dict[str, set[str]]:
-    """What each module of the project imports, by full name: the module, where a name in a package is one."""
+    """The imports of each module, by full name: the module, where a name in a package is one."""
     trees = {}
     for package in ("core", "service"):
         for path in sorted((ROOT / package).rglob("*.py")):

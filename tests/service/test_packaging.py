@@ -1,4 +1,4 @@
-"""What ships beside the code: lock files, versions, the Makefile, the image's files, the citation."""
+"""Files that ship beside the code: lock files, versions, the Makefile, the image's files, the citation."""
 
 import re
 import tomllib

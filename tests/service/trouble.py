@@ -1,4 +1,4 @@
-"""What may be wrong with a database, brought about on either engine, and undone."""
+"""Faults of a database, brought about on either engine, and undone."""
 
 import sqlite3
 from collections.abc import Iterator

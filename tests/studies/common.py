@@ -1,4 +1,4 @@
-"""What the scripts share: their command line, CSV files and tables, and pictures of meshes by matplotlib."""
+"""Helpers that the scripts share: command line, CSV files and tables, pictures of meshes by matplotlib."""
 
 import argparse
 import csv

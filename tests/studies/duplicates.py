@@ -59,7 +59,7 @@ CLIENTS = 3
 """Uploads of parts at a time."""
 
 NEW, CHANGED, AMONG = 7, 3, 10
-"""Of ten parts seven are new, two are copies and one is a variant."""
+"""Shares of new parts, of copies and of variants."""
 
 Groups = set[frozenset[str]]
 

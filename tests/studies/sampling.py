@@ -101,7 +101,7 @@ def fit_residuals(
 ) -> Floats:
     """Return residuals z - f(x, y) of the least-squares polynomial (Eqs. 6-9) at all n points, shape (n,).
 
-    f is fitted to the samples, or to all points. Of samples drawn with a probability p, shape (n,), rows have
+    f is fitted to the samples, or to all points. Rows of samples drawn with a probability p, shape (n,), have
     weight 1 / p, as by the matrix S of Algorithm 1, and the expected fit is that of all points.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))

@@ -52,7 +52,7 @@ def serving(url: str, scheduler: str) -> Iterator[Client]:
 def files_to_send(count: int, first_pose: int, collection: Path | None) -> list[bytes]:
     """Return made shapes, or those of a collection, as files that no other call gives."""
     if collection is not None:
-        # Of another size each time: a file that was sent before would not be embedded again.
+        # Another size each time: a file that was sent before would not be embedded again.
         size = 1.0 + first_pose / 1000
         chosen = [path for path, _ in collection_files(collection, count)]
         read = (read_mesh(path.read_bytes(), format_of(path.name)) for path in chosen)

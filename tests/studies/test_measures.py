@@ -143,7 +143,7 @@ def test_poisson_disks_are_as_many_as_asked_at_least_a_radius_apart(count, data)
 
 
 def test_darts_fall_in_the_order_given():
-    # Of seven points on a line four can be 2 apart, from either end, and three if the middle one is first.
+    # Four of seven points on a line can be 2 apart, from either end, and three if the middle one is first.
     assert poisson_disk(line(7), 4, np.arange(7))[0].tolist() == [0, 2, 4, 6]
     assert poisson_disk(line(7), 3, np.array([3, 0, 1, 2, 4, 5, 6]))[0].tolist() == [3, 0, 6]
     assert poisson_disk(line(7), 7, np.arange(7)[::-1])[0].tolist() == [6, 5, 4, 3, 2, 1, 0]
@@ -154,7 +154,7 @@ def test_a_poisson_disk_set_is_spread_and_leaves_no_room():
     points = random.random((400, 2))
     distances = cdist(points, points)
     samples, radius = poisson_disk(distances, 60, random.permutation(400))
-    # Of random throws on a square the spacing is 0.6 to 0.9 of the densest packing's, 1.0746 / sqrt(m).
+    # The spacing of random throws on a square is 0.6 to 0.9 of the densest packing's, 1.0746 / sqrt(m).
     assert 0.6 < radius / (1.0746 / np.sqrt(60)) < 0.9
     # Only the few left out for the number can leave a gap wider than the radius, and none twice as wide.
     assert distances[samples].min(axis=0).max() < 2.0 * radius

@@ -50,7 +50,7 @@ def table2_command(
 
     The accuracy of a class is the share of its shapes whose nearest neighbour is of the same class. Classes
     and the paper's categories are matched by the names of the Princeton Segmentation Benchmark (Human,
-    Fourleg, Airplane, Bird, Fish, Cup). Of the paper's baselines, libraries provide ICP and MDS, but neither
+    Fourleg, Airplane, Bird, Fish, Cup). Libraries provide ICP and MDS, but neither
     Parts nor TPS-RPM.
     """
     files = collection_files(folder, limit)

@@ -110,7 +110,7 @@ def test_noise_is_isotropic_and_has_the_deviation_it_says(scale):
     noisy = add_noise(mesh, 0.004, 1)
     assert (noisy.faces == mesh.faces).all()
     shift = (noisy.vertices - mesh.vertices) / diagonal(mesh)
-    # Of 10,242 draws; the standard error of a deviation is 0.7 per cent.
+    # 10,242 draws; the standard error of a deviation is 0.7 per cent.
     assert shift.std(axis=0) == pytest.approx(np.full(3, 0.004), rel=0.03)
     assert np.abs(shift.mean(axis=0)).max() < 4 * 0.004 / np.sqrt(len(shift))
     assert np.abs(np.corrcoef(shift.T)[np.triu_indices(3, 1)]).max() < 0.04

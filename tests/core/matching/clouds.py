@@ -51,7 +51,7 @@ def parameters_for(k):
 
 
 def random_record(seed, m, d, k, blocks):
-    """What matching reads of random clouds of d points in `blocks` domains of k dimensions, m the samples."""
+    """The arrays that matching reads: d points in `blocks` domains of k dimensions, m of them samples."""
     rng = np.random.default_rng(seed)
     return record_of(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
 

@@ -1,4 +1,4 @@
-"""What the compiled matching reads of a shape, and the one-to-one pairs that are shown."""
+"""The arrays of a shape that the compiled matching reads, and the one-to-one pairs that are shown."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -67,7 +67,7 @@ def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layo
 @pytest.mark.parametrize("blocks", [1, 2, 3])
 @pytest.mark.parametrize(("m", "d"), [(12, 12), (20, 20), (32, 50), (70, 200)])
 def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
-    """Of 12 and 20 samples the search asks for more than there are."""
+    """The search asks for more than 12 and 20 samples."""
     embedding = made(1, m, d, blocks)
     found = record_of(embedding)
     rows, columns = min(m, DEFAULT.matching.search_samples), DEFAULT.matching.search_dimensions

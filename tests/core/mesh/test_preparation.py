@@ -26,7 +26,7 @@ from tests.studies.perturbation import add_noise, make_soup
 
 
 def without_caps(mesh: Mesh, heights: list[float]) -> Mesh:
-    """Of a unit sphere, the faces below the first height are gone, and above the second."""
+    """A unit sphere without the faces below the first height, and above the second."""
     z = mesh.vertices[mesh.faces][:, :, 2].mean(axis=1)
     return clean(Mesh(mesh.vertices, mesh.faces[(z > heights[0]) & (z < heights[1])])).mesh
 

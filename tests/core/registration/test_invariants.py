@@ -39,7 +39,7 @@ def radius_and_extents(mesh: Mesh) -> tuple[float, list[float]]:
 @pytest.fixture(scope="module")
 def surfaces() -> Invariants:
     rows = [radius_and_extents(mesh) for mesh in MESHES]
-    # Of the spectra, all but the flange's are alike.
+    # All spectra but the flange's are alike.
     eigenvalues = np.zeros((len(MESHES), 30), np.float32)
     eigenvalues[FLANGE] = 1.0
     return Invariants(

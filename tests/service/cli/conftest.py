@@ -115,7 +115,7 @@ def archive(shared_service: Client) -> Client:
 
 
 class Result(NamedTuple):
-    """What a command left: its exit status, and what it printed where."""
+    """The outcome of a command: its exit status, and the text that it printed where."""
 
     status: int
     stdout: str

@@ -21,7 +21,7 @@ finally:
 
 
 def imported_by(*arguments: object) -> set[str]:
-    """What a command has imported at its end, in a process of its own."""
+    """The modules that a command has imported at its end, in a process of its own."""
     command = [sys.executable, "-c", SCRIPT, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -50,7 +50,7 @@ def test_a_service_with_two_collections(archive: Client, collection: Path, run: 
 
 
 def counts(table: str) -> dict[str, str]:
-    """What a table tells under its head."""
+    """The rows of a table under its head."""
     return dict(line.split() for line in table.splitlines()[3:] if line.strip())
 
 

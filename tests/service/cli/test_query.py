@@ -48,7 +48,7 @@ def test_json_is_the_services_answer(archive: Client, cup: Path, run: Run) -> No
 
 def test_every_option_of_a_search_is_one_of_the_command(run: Run) -> None:
     words = run("query", "--help").stdout.split()
-    # What the page asks for, and arrays, which are for programs.
+    # Fields that the page asks for, and arrays, which are for programs.
     missing = {"correspondences", "embedding"}
     for name in set(SearchOptions.model_fields) - missing:
         assert f"--{name.replace('_', '-')}" in words

@@ -35,7 +35,7 @@ Answering = Callable[[Callable[[httpx.Request], httpx.Response]], Client]
 
 @pytest.fixture(params=[Client, Awaited], ids=["waiting", "awaited"])
 def make(request: pytest.FixtureRequest) -> Make:
-    """What makes a client: one that waits, or one whose answers are awaited."""
+    """A maker of clients: one that waits, or one whose answers are awaited."""
     return request.param
 
 
@@ -183,7 +183,7 @@ def test_unreachable_is_not_ready(make: Make) -> None:
 
 @pytest.fixture
 def answering(make: Make) -> Answering:
-    """What makes a client that has its answers from a function."""
+    """A maker of clients that have their answers from a function."""
     return lambda handler: make("http://elsewhere", transport=httpx.MockTransport(handler))
 
 

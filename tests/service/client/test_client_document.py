@@ -1,4 +1,4 @@
-"""What both clients send, and how they read the answers, against the OpenAPI document."""
+"""The requests of both clients, and how they read the answers, against the OpenAPI document."""
 
 import json
 import re
@@ -87,7 +87,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("ready", (), {}, "GET /readyz"),
 ]
 SERIES = {"shapes", "deleted", "jobs", "job_files", "follow_job"}
-# What browsers and probes ask for, and what `follow_job` does by asking again.
+# Paths that browsers and probes ask for, and the one that `follow_job` does by asking again.
 NOT_CALLED = {
     "GET /healthz",
     "GET /metrics",
@@ -212,7 +212,7 @@ def fullest(schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def answer(name: str) -> httpx.Response:
-    """What the document says is answered."""
+    """The answer in the document."""
     responses = describe(name)["responses"]
     status = max(int(each) for each in responses if int(each) < 300)
     content = responses[str(status)].get("content", {})
@@ -227,7 +227,7 @@ def answer(name: str) -> httpx.Response:
 
 
 def check_read(read: Any, name: str) -> None:
-    """What a method gave is the model that the document names, with the values of its example."""
+    """The result of a method is the model that the document names, with the values of its example."""
     sent = answer(name)
     if not sent.content:
         assert read is None

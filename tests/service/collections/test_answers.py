@@ -34,7 +34,7 @@ WAYS: dict[str, dict[str, Any]] = {
 def answers(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[tuple[str, str], Any]]:
-    """What is answered by collection and way; "alone" behind its name is without the other collection."""
+    """The answers by collection and way; "alone" behind its name is without the other collection."""
     engine, signatures = request.param
     engine = engine or request.config.getoption("--engine")
     limits = {"shortlist_from": 5, "shortlist_length": 4, "reranked": 3, "finalists": 2}
@@ -64,7 +64,7 @@ def fill(own: Running, numbers: range) -> None:
 
 def ask(own: Running, name: str, found: dict[tuple[str, str], Any]) -> None:
     for way, fields in WAYS.items():
-        # Of a mesh that lies in both, and of one that lies in neither.
+        # A mesh that lies in both, and one that lies in neither.
         found[name, way] = [told(query(own.client, small_file(n), **fields).json()) for n in (4, 40)]
     shape_id = own.client.get("/shapes", params={"name": "4.off"}).json()["shapes"][0]["id"]
     found[name, "by id"] = told(own.client.post("/query", json={"shape_id": shape_id, "top_k": 100}).json())

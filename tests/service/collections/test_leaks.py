@@ -33,7 +33,7 @@ WITHOUT = {
     # It shows the file that it is sent.
     ("POST", "/preview"),
 }
-"""What has to do with no shape that is stored."""
+"""Paths that have to do with no stored shape."""
 
 DOCUMENTED: dict[Operation, Any] = {
     (method.upper(), path): operation
@@ -47,7 +47,7 @@ SECRET = "xyzzy"
 
 @dataclass(frozen=True)
 class Secrets:
-    """What the collection `secret` has: ids by what was done with them, and hashes of files."""
+    """The content of the collection `secret`: ids by the request that made them, and hashes of files."""
 
     kept: str
     deleted: str
@@ -139,7 +139,7 @@ SENT: dict[Operation, list[Send]] = {
     ("DELETE", "/jobs/{job_id}"): [to("DELETE", "/jobs/{job_id}")],
     ("DELETE", "/shapes/{shape_id}"): [to("DELETE", "/shapes/{shape_id}")],
 }
-"""What each address is sent, in an order in which all of it succeeds where the ids belong."""
+"""The request to each address, in an order in which all of it succeeds where the ids belong."""
 
 
 def in_collections() -> list[Operation]:
@@ -204,7 +204,7 @@ def test_nothing_of_another_collection_is_answered(
                 assert SECRET not in told
                 continue
             assert "{" not in operation[1]
-            # What was sent comes back under its name, as a shape of the other collection.
+            # The file comes back under its name, as a shape of the other collection.
             told = told.replace(f"{SECRET}-kept.off", "")
             for secret in (SECRET, *secrets.ids(), *secrets.hashes):
                 assert secret not in told

@@ -204,7 +204,7 @@ def test_without_the_packages_readers_are_confined_by_python_alone(monkeypatch: 
 
 
 class Evil:
-    """What runs a command where it is unpickled."""
+    """An object that runs a command where it is unpickled."""
 
     def __init__(self, path: str) -> None:
         self.path = path

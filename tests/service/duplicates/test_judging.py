@@ -78,7 +78,7 @@ def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
         assert groups(running, variants=True) == {group}
         running.store(small_file(2), "another.off")
         wait_until(lambda: running.rows(JudgedShapeRow) == 10, seconds=120)
-    # What is judged outlives the service.
+    # Judgements outlive the service.
     with serving(settings_in(tmp_path)) as running:
         assert groups(running) == {group}
         assert ask(running)["aligned"] == aligned

@@ -167,7 +167,7 @@ def test_only_a_list_may_be_given_twice(shared: Running, method: str, path: str,
     else:
         assert_problem(answer, 422, "bad-request-fields")
         assert faults == [{"field": name, "message": "given more than once"}]
-    # What the document does not know is nobody's fault here.
+    # Paths that the document does not know are no fault here.
     assert shared.client.get("/healthz", params=[("x", "1"), ("x", "1")]).status_code == 200
 
 

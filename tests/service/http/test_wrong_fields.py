@@ -32,7 +32,7 @@ REQUESTS: dict[str, Callable[[httpx.Client, str, Any], httpx.Response]] = {
         "/compare", params={"dense": "true", **params}, json={"first": bird, "second": bird}
     ),
 }
-"""What sends a client's fields, given the id of a stored bird."""
+"""Requests with given fields, by the id of a stored bird."""
 
 SEARCHES = ("query", "query by address", "similar")
 

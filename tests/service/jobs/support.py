@@ -98,7 +98,7 @@ def meshes(numbers: range) -> dict[str, bytes]:
 
 
 def events(lines: Any) -> list[tuple[str, str, dict[str, Any]]]:
-    """What a stream of server-sent events says: id, name and data of each."""
+    """The id, name and data of each event of a stream of server-sent events."""
     found, event = [], {}
     for line in lines:
         if line:

@@ -1,4 +1,4 @@
-"""What an archive, and how many of them, may be sent."""
+"""The limits of an archive, and of the number of archives."""
 
 import threading
 

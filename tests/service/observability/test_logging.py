@@ -15,7 +15,7 @@ from tests.service.tasks import fail_unexpectedly
 
 @pytest.fixture
 def lines() -> Iterator[io.StringIO]:
-    """What is logged meanwhile, from debug up."""
+    """The messages logged meanwhile, from debug up."""
     stream = io.StringIO()
     handler = logging.StreamHandler(stream)
     handler.setFormatter(JsonFormatter())

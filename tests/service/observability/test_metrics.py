@@ -121,7 +121,7 @@ def test_stages_of_an_upload_a_query_and_a_comparison(running: Running) -> None:
     assert more("database_seconds_count", session="write") == 3
     assert more("database_seconds_count", session="read") >= 5
     assert value(running, "indexed_shapes") == 3
-    # What is made ready ahead reads too.
+    # Processes that are started ahead read too.
     wait_until(lambda: value(running, "database_sessions") == 0, seconds=10)
 
 

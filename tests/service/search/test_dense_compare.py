@@ -138,7 +138,7 @@ def test_a_missing_leg_is_painted_blue(shared: Running) -> None:
     assert (whole[missing][:, 1] > 0.85).all()
     # The rest has not moved: light grey.
     assert (np.abs(two[~missing][:, :3].astype(int) - [228, 229, 232]).max(axis=1) < 40).mean() > 0.98
-    # Of the chair that lacks the leg, the face where the leg begins is inside the other chair.
+    # The face of the chair without the leg where the leg begins is inside the other chair.
     socket = chair(3).vertices[(one[:, :3] == blue).all(axis=1)]
     np.testing.assert_allclose(socket, np.broadcast_to([1.1, 1.0, 1.0], socket.shape), atol=0.11)
     assert (socket[:, 2] == 1.0).all()

@@ -167,7 +167,7 @@ def test_the_graph_misses_next_to_nothing(stored: Stored) -> None:
 
 
 def test_the_answers_of_the_graph_are_put_in_order(stored: Stored) -> None:
-    """Of a narrow search that goes on in turns: each may bring what is nearer than the last one's."""
+    """A narrow search goes on in turns: each may bring what is nearer than the last one's."""
     many = 300
     shares = {}
     for more in (1, 4):

@@ -1,4 +1,4 @@
-"""What a query answers."""
+"""The answers of queries."""
 
 from typing import Any
 

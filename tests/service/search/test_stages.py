@@ -47,7 +47,7 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
     with serving(settings_in(tmp_path, **LENGTHS)) as running:
         for number in range(STORED):
             running.store(small_file(number), f"{number}.off")
-        # Of an incomplete query, twice as many candidates would be re-ranked as there are.
+        # For an incomplete query, twice as many candidates would be re-ranked as there are.
         for mesh, counts in ((cup, (6, 3)), (cut_part(cup, 0.5, 1), (9, 9))):
             reranked.clear()
             described.clear()

@@ -95,7 +95,7 @@ def test_results_under_a_cc_are_not_given(stocked: Running) -> None:
         assert answer["results"] == every["results"][:count]
         assert answer["compared"] == 4
         assert answer["matched"] == every["matched"]
-    # What is left out makes room for what is not, whatever one sorts by.
+    # Shapes that are left out make room for others, in every order.
     by_ssd = query(
         stocked.client, small_file(2), top_k=2, rank_by="ssd", min_cc=(scores[1] + scores[2]) / 2
     ).json()
@@ -117,7 +117,7 @@ def test_a_bolt_of_another_size_is_another_bolt(service: Running) -> None:
         assert names(answer) == expected
         assert answer["compared"] == len(expected)
         assert all(result["cc"] > 0.999 for result in answer["results"])
-    # Of a stored shape too, and on both sides of the limit.
+    # The same of a stored shape, and on both sides of the limit.
     same_size = 1.0 + SIZE_TOLERANCE
     for factor, found in (
         (same_size - 0.001, True),

@@ -263,7 +263,7 @@ FLIPS = 40
 
 
 def test_every_flipped_bit_is_found_or_lies_in_free_space(archive: Path, tmp_path: Path) -> None:
-    """Of free space, everything that is stored reads the same."""
+    """A flip in free space: everything that is stored reads the same."""
     sound = archive.read_bytes()
     before = contents(archive)
     rng = np.random.default_rng(7)

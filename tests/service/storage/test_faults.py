@@ -35,7 +35,7 @@ def kept(frail: Running) -> str:
 
 
 def calls(frail: Running, kept: str) -> Calls:
-    """What can be asked; the upload and the query need an embedding."""
+    """The requests of a client; the upload and the query need an embedding."""
     return reads(frail, kept) | {
         "upload": lambda: upload(frail.client, small_file(2), "lost.off"),
         "query": lambda: query(frail.client, small_file(2)),

@@ -1,4 +1,4 @@
-"""What only a database server can do: go away, come back, and be set up as an archive cannot use it."""
+"""Faults that only a database server has: go away, come back, and be set up as an archive cannot use it."""
 
 import importlib.util
 import threading

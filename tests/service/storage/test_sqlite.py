@@ -1,4 +1,4 @@
-"""What SQLite is told, and where it is not trusted."""
+"""The options of SQLite, and where it is not trusted."""
 
 import sqlite3
 import threading

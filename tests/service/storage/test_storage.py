@@ -23,7 +23,7 @@ pytestmark = on_both
 
 @pytest.fixture
 def url(tmp_path: Path, engine: str) -> str:
-    """Of a database in which there is nothing yet."""
+    """The address of a database that is empty."""
     return url_in(tmp_path) if engine == SQLITE else empty_database()
 
 

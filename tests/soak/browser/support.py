@@ -24,7 +24,7 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 CLASSES = ("fish", "glasses")
 POSES = 3
 NAMES = [f"{label}-{pose}.ply" for label in CLASSES for pose in range(POSES)]
-"""Of the shapes that `stock` stores."""
+"""The files of the shapes that `stock` stores."""
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 
 # In milliseconds. The machine may be busy.

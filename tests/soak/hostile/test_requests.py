@@ -35,7 +35,7 @@ def answer(client: httpx.Client, sent: bytes) -> HTTPResponse | None:
 
 
 def fault(client: httpx.Client, case: Hostile) -> str:
-    """What is wrong with the answer to a request; "" if nothing is."""
+    """The fault of the answer to a request; "" if there is none."""
     given = answer(client, case.sent)
     for _ in range(TRIES):
         if given is None or given.status != 503 or not case.name.startswith("/jobs"):

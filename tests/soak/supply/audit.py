@@ -15,7 +15,7 @@ UNREACHED = re.compile(r"\b(ConnectionError|ConnectTimeout|ReadTimeout|ProxyErro
 
 
 def judge(output: str, errors: str) -> tuple[int, str]:
-    """What pip-audit's JSON and its messages come to: an exit status, and what to print."""
+    """The verdict on pip-audit's JSON and its messages: an exit status, and the text to print."""
     try:
         packages = json.loads(output)["dependencies"]
     except (ValueError, KeyError, TypeError):

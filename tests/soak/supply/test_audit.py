@@ -1,4 +1,4 @@
-"""What `make audit` says of what pip-audit said."""
+"""The verdict of `make audit` on the report of pip-audit."""
 
 import json
 

@@ -35,7 +35,7 @@ def squared(points, targets):
 
 
 def precision(low):
-    """Of squared distances of points not far from the unit ball: their last bits, and rounding."""
+    """The last bits, and the rounding, of squared distances of points not far from the unit ball."""
     return low * 2.0**-23, 3e-5 + low * 2.0**-23 * 1e-3
 
 

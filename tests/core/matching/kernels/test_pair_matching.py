@@ -31,7 +31,7 @@ ROUNDS = search_rounds(DEFAULT)
 
 @pytest.fixture(scope="module")
 def shapes():
-    """Of the gallery; then clouds with points between the samples, without, and with few samples."""
+    """Shapes of the gallery; then clouds with points between the samples, without, and with few samples."""
     pipeline = Pipeline(DEFAULT)
     names = [("spider", 0), ("spider", 1), ("person", 0), ("hand", 0)]
     made = [record_of(pipeline.embed(make_shape(*name))) for name in names]

@@ -98,7 +98,7 @@ def test_a_singular_matrix_determines_the_factor_on_its_range_and_the_rest_goes_
         left, _, right = np.linalg.svd(matrix)
         kept = min(rank, k)
         assert found @ right[:kept].T == pytest.approx(left[:, :kept], abs=1e-4)
-        # What rounding put there, made up to 1e5 times greater.
+        # The traces of rounding, made up to 1e5 times greater.
         assert np.abs(found @ right[kept:].T).max(initial=0.0) < 0.02
 
 

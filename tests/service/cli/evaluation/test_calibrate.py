@@ -45,7 +45,7 @@ def densities(distances: Floats, typical: float) -> Floats:
 
 
 def differences(pipeline: Pipeline, one: Embedding, other: Embedding) -> PairDifferences:
-    """Of one pair; without densities."""
+    """The differences of one pair, without densities."""
     return differences_of(descriptors_of(one), [descriptors_of(other)], pipeline.score(one, [other]))
 
 
