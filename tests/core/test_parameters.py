@@ -66,9 +66,7 @@ VALUES = {
         "final_rounds": (4, [0]),
         "slide_rounds": (3, [-1, 1001]),
     },
-    "ranking": {
-        "match_threshold": (0.8, [1.5]),
-    },
+    "ranking": {"match_threshold": (0.8, [1.5])},
 }
 """Of each parameter another value than that of `default`, and values that are refused."""
 

@@ -65,10 +65,7 @@ def descriptor_distance(query: Bytes, others: list[Bytes]) -> DescriptorDistance
 
 
 def test_an_incomplete_surface_has_rows_as_a_part_too() -> None:
-    whole, part = (
-        rows_of("octopus"),
-        rows_of("octopus", 0.3),
-    )
+    whole, part = rows_of("octopus"), rows_of("octopus", 0.3)
     assert whole.shape == (KEYPOINTS, ROW_LENGTH) == (ROW_COUNTS[False], ROW_LENGTH)
     assert part.shape == (KEYPOINTS + PART_ROWS, ROW_LENGTH) == (ROW_COUNTS[True], ROW_LENGTH)
     assert (whole[:, SPIN_IMAGE_LENGTH:] == 1).all()
@@ -85,10 +82,7 @@ def test_complete_surfaces_are_as_far_as_the_farther_way() -> None:
 
 
 def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
-    part, whole = (
-        rows_of("octopus", 0.3),
-        rows_of("octopus"),
-    )
+    part, whole = rows_of("octopus", 0.3), rows_of("octopus")
     found = descriptor_distance(part, [whole, rows_of("cup")])
     assert_array_equal(found.part, [True, True])
     assert found.distance[0] == part_distances(part[KEYPOINTS:], [whole[:, :SPIN_IMAGE_LENGTH]])[0]
@@ -96,10 +90,7 @@ def test_a_part_needs_no_partner_for_what_it_lacks() -> None:
 
 
 def test_either_of_two_parts_may_be_in_the_other() -> None:
-    small, large = (
-        rows_of("octopus", 0.5),
-        rows_of("octopus", 0.2),
-    )
+    small, large = rows_of("octopus", 0.5), rows_of("octopus", 0.2)
     both = [
         part_distances(a[KEYPOINTS:], [b[:KEYPOINTS, :SPIN_IMAGE_LENGTH]])[0]
         for a, b in ((small, large), (large, small))

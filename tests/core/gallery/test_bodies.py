@@ -115,10 +115,7 @@ def test_a_bone_takes_its_surface_along():
     up = np.array([0.0, 0.0, 1.0])
     start = np.zeros(3)
     elbow, tip, bent = np.array([1.0, 0, 0]), np.array([2.0, 0, 0]), np.array([1.0, 1.0, 0])
-    rest = [
-        capsule(start, elbow, (0.1, 0.1), up, 1.0),
-        capsule(elbow, tip, (0.1, 0.1), up, 1.0),
-    ]
+    rest = [capsule(start, elbow, (0.1, 0.1), up, 1.0), capsule(elbow, tip, (0.1, 0.1), up, 1.0)]
     posed = [rest[0], capsule(elbow, bent, (0.1, 0.1), up, 1.0)]
     points = np.array([[0.2, 0.1, 0.0], [1.8, 0.1, 0.0], [1.8, 0.0, 0.1]])
     faces = np.array([[0, 1, 2]])

@@ -13,15 +13,7 @@ from core.graph.sparse_graph import sample_distances, sparse_graph
 from core.mesh.cleaning import clean
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from tests.core.shapes import (
-    MANY_KINDS,
-    blob,
-    faces_shuffled,
-    folded,
-    icosphere,
-    rectangle,
-    turned,
-)
+from tests.core.shapes import MANY_KINDS, blob, faces_shuffled, folded, icosphere, rectangle, turned
 
 SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
 

@@ -4,6 +4,7 @@ import json
 import struct
 
 import numpy as np
+import pytest
 
 PLAIN = ("stl", "obj", "ply", "off", "glb")
 """The formats whose files are no ZIP and need no package of their own."""
@@ -13,6 +14,14 @@ CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dty
 SQUARES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 # Its triangles, as fans around each square's first corner.
 TRIANGLES = SQUARES[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+
+
+def faulty(tables):
+    """Give a test `data` and `error`, from tables of files by the error that refuses them."""
+    cases = [
+        pytest.param(data, error, id=name) for error, files in tables.items() for name, data in files.items()
+    ]
+    return pytest.mark.parametrize(("data", "error"), cases)
 
 
 def lines(rows, before=""):

@@ -15,7 +15,7 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.io import Limits, read_mesh
-from tests.core.io.files import CUBE, TRIANGLES, glb, glb_bytes, gltf
+from tests.core.io.files import CUBE, TRIANGLES, faulty, glb, glb_bytes, gltf
 from tests.core.shapes import volume
 
 CORNERS = CUBE[TRIANGLES]
@@ -45,52 +45,44 @@ def primitive(**changes):
     return [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, **changes}]}]
 
 
+def laid_out(binary, **sections):
+    """A GLB with another buffer, and the sections that describe it."""
+    return glb_bytes({**TREE, "buffers": [{"byteLength": len(binary)}], **sections}, binary)
+
+
 def nodes(*entries, roots=(0,)):
     return {"nodes": list(entries), "scenes": [{"nodes": list(roots)}]}
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(glb(), id="plain"),
-        pytest.param(glb(indices=TRIANGLES, meshes=primitive(mode=4)), id="mode said"),
-        pytest.param(
-            glb(positions=CORNERS.reshape(-1, 3), meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}]),
-            id="no indices",
-        ),
-        pytest.param(
-            glb_bytes({k: v for k, v in TREE.items() if k != "scene"}, BINARY), id="the first scene"
-        ),
-        pytest.param(
-            glb_bytes({k: v for k, v in TREE.items() if k not in ("scene", "scenes")}, BINARY), id="no scene"
-        ),
-        pytest.param(glb(scene=1, scenes=[{}, {"nodes": [0]}]), id="another scene"),
-        pytest.param(
-            glb(extensionsRequired=["KHR_mesh_quantization", "KHR_materials_unlit"]), id="harmless extensions"
-        ),
-        pytest.param(glb(extensionsUsed=["KHR_draco_mesh_compression"]), id="extensions not required"),
-        pytest.param(
-            glb(meshes=[*primitive(), {"primitives": [{"attributes": {"POSITION": 99}}]}]),
-            id="a mesh not shown",
-        ),
-        pytest.param(
-            glb(cameras=[{}], **nodes({"camera": 0, "children": [1]}, {"mesh": 0})), id="below a camera"
-        ),
-        pytest.param(
-            glb(images=[{"uri": "data:image/png;base64,AAAA"}], materials=[{}]), id="an image inside"
-        ),
-        pytest.param(glb(buffers=[{"uri": INSIDE, "byteLength": len(BINARY)}]), id="a buffer in base64"),
-        pytest.param(glb() + b"\n", id="a byte more at the end"),
-    ],
-)
+SCENES = {
+    "plain": glb(),
+    "mode said": glb(indices=TRIANGLES, meshes=primitive(mode=4)),
+    "no indices": glb(
+        positions=CORNERS.reshape(-1, 3), meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    ),
+    "the first scene": glb_bytes({k: v for k, v in TREE.items() if k != "scene"}, BINARY),
+    "no scene": glb_bytes({k: v for k, v in TREE.items() if k not in ("scene", "scenes")}, BINARY),
+    "another scene": glb(scene=1, scenes=[{}, {"nodes": [0]}]),
+    "harmless extensions": glb(extensionsRequired=["KHR_mesh_quantization", "KHR_materials_unlit"]),
+    "extensions not required": glb(extensionsUsed=["KHR_draco_mesh_compression"]),
+    "a mesh not shown": glb(meshes=[*primitive(), {"primitives": [{"attributes": {"POSITION": 99}}]}]),
+    "below a camera": glb(cameras=[{}], **nodes({"camera": 0, "children": [1]}, {"mesh": 0})),
+    "an image inside": glb(images=[{"uri": "data:image/png;base64,AAAA"}], materials=[{}]),
+    "a buffer in base64": glb(buffers=[{"uri": INSIDE, "byteLength": len(BINARY)}]),
+    "a byte more at the end": glb() + b"\n",
+}
+
+
+@pytest.mark.parametrize("data", SCENES.values(), ids=SCENES)
 def test_reads(data):
     assert np.array_equal(corners(data), CORNERS)
 
 
-@pytest.mark.parametrize(("mode", "order"), [(5, [0, 1, 2, 3, 4]), (6, [0, 1, 2, 3, 4])])
-def test_strips_and_fans(mode, order):
-    expected = {5: [[0, 1, 2], [3, 2, 1], [2, 3, 4]], 6: [[0, 1, 2], [0, 2, 3], [0, 3, 4]]}[mode]
-    read = corners(glb(indices=order, meshes=primitive(mode=mode)))
+@pytest.mark.parametrize(
+    ("mode", "expected"), [(5, [[0, 1, 2], [3, 2, 1], [2, 3, 4]]), (6, [[0, 1, 2], [0, 2, 3], [0, 3, 4]])]
+)
+def test_strips_and_fans(mode, expected):
+    read = corners(glb(indices=range(5), meshes=primitive(mode=mode)))
     # A triangle may begin at any of its corners, but keeps its direction.
     for triangle, wanted in zip(read, CUBE[expected], strict=True):
         assert any(np.array_equal(np.roll(triangle, i, axis=0), wanted) for i in range(3))
@@ -183,24 +175,18 @@ def test_interleaved_arrays():
         {"buffer": 0, "byteOffset": 4 + rows.nbytes, "byteLength": 144},
     ]
     accessors = [POSITIONS, {**INDICES, "componentType": 5125}]
-    data = glb_bytes(
-        {**TREE, "accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": len(binary)}]},
-        binary,
-    )
-    assert np.array_equal(corners(data), CORNERS)
+    assert np.array_equal(corners(laid_out(binary, accessors=accessors, bufferViews=views)), CORNERS)
 
 
 @pytest.mark.parametrize(("code", "kind"), [(5121, "<u1"), (5123, "<u2"), (5125, "<u4")])
 def test_types_of_indices(code, kind):
     indices = TRIANGLES.astype(kind).tobytes()
-    binary = CUBE.astype("<f4").tobytes() + indices
-    tree = {
-        **TREE,
-        "accessors": [POSITIONS, {**INDICES, "componentType": code}],
-        "bufferViews": [TREE["bufferViews"][0], {"buffer": 0, "byteOffset": 96, "byteLength": len(indices)}],
-        "buffers": [{"byteLength": len(binary)}],
-    }
-    assert np.array_equal(corners(glb_bytes(tree, binary)), CORNERS)
+    data = laid_out(
+        CUBE.astype("<f4").tobytes() + indices,
+        accessors=[POSITIONS, {**INDICES, "componentType": code}],
+        bufferViews=[TREE["bufferViews"][0], {"buffer": 0, "byteOffset": 96, "byteLength": len(indices)}],
+    )
+    assert np.array_equal(corners(data), CORNERS)
 
 
 @pytest.mark.parametrize(
@@ -218,24 +204,21 @@ def test_quantised_positions(code, kind, stored, normalised, flag):
     rows = np.zeros(5, dtype={"names": ["p"], "formats": [(kind, 3)], "offsets": [0], "itemsize": 8})
     rows["p"] = np.stack([stored, stored[::-1], np.roll(stored, 2)], axis=1)
     indices = np.array([0, 1, 2, 2, 3, 4], dtype="<u2")
-    tree = {
-        **TREE,
-        "accessors": [
-            {"bufferView": 0, "componentType": code, "type": "VEC3", "count": 5, "normalized": flag},
+    data = laid_out(
+        rows.tobytes() + indices.tobytes(),
+        accessors=[
+            {**POSITIONS, "componentType": code, "count": 5, "normalized": flag},
             {**INDICES, "count": 6},
         ],
-        "bufferViews": [
+        bufferViews=[
             {"buffer": 0, "byteLength": 40, "byteStride": 8},
             {"buffer": 0, "byteOffset": 40, "byteLength": 12},
         ],
-        "buffers": [{"byteLength": 52}],
-        "extensionsRequired": ["KHR_mesh_quantization"],
-    }
-    mesh = read_mesh(glb_bytes(tree, rows.tobytes() + indices.tobytes()), "glb")
-    values = normalised if flag else stored
-    assert mesh.vertices == pytest.approx(
-        np.stack([values, values[::-1], np.roll(values, 2)], axis=1), rel=1e-7
+        extensionsRequired=["KHR_mesh_quantization"],
     )
+    values = normalised if flag else stored
+    expected = np.stack([values, values[::-1], np.roll(values, 2)], axis=1)
+    assert read_mesh(data, "glb").vertices == pytest.approx(expected, rel=1e-7)
 
 
 def accessor(number, **changes):
@@ -324,55 +307,48 @@ MALFORMED = {
     "extensions not a list": glb(extensionsRequired="KHR"),
 }
 BAD = {
-    **{case: (data, MalformedMeshError) for case, data in MALFORMED.items()},
-    "no nodes": (glb(nodes=[], scenes=[{}]), NoTrianglesError),
-    "no meshes": (glb(nodes=[{}]), NoTrianglesError),
-    "a mesh in another scene": (glb(scenes=[{}, {"nodes": [0]}]), NoTrianglesError),
-    "no primitives": (glb(meshes=[{"primitives": []}]), NoTrianglesError),
-    "no indices in the list": (accessor(1, count=0), NoTrianglesError),
-    "NaN": (glb(positions=np.where(CUBE, np.nan, 0)), NonFiniteCoordinatesError),
-    "infinity": (glb(positions=np.where(CUBE, np.inf, 0)), NonFiniteCoordinatesError),
-    "placed at NaN": (
-        glb(nodes=[{"mesh": 0, "translation": [float("nan"), 0, 0]}]),
-        NonFiniteCoordinatesError,
-    ),
-    "placed at infinity": (
-        glb(
-            nodes=[{"mesh": 0, "scale": [1e308, 1, 1], "children": [1]}, {"mesh": 0, "scale": [1e308, 1, 1]}]
-        ),
-        NonFiniteCoordinatesError,
-    ),
-    "one point": (glb(positions=np.ones((8, 3))), DegenerateMeshError),
-    "scaled to nothing": (glb(nodes=[{"mesh": 0, "scale": [0, 0, 0]}]), DegenerateMeshError),
-    "a buffer in a file": (
-        glb(buffers=[{"uri": "file:///etc/passwd", "byteLength": 9}]),
-        ExternalReferenceError,
-    ),
-    "a buffer in a path": (glb(buffers=[{"uri": "../../a.bin", "byteLength": 9}]), ExternalReferenceError),
-    "a buffer on the net": (
-        glb(buffers=[{"uri": "http://a/b.bin", "byteLength": 9}]),
-        ExternalReferenceError,
-    ),
-    "an image on the net": (glb(images=[{"uri": "http://169.254.169.254/"}]), ExternalReferenceError),
-    "20,000 instances": (glb(**nodes(*[{"mesh": 0}] * 20_000, roots=range(20_000))), MeshTooComplexError),
-    "100,000 nodes": (glb(**nodes({"mesh": 0}, *[{}] * 100_000)), MeshTooComplexError),
-    "4,097 primitives": (
-        glb(meshes=[{"primitives": primitive()[0]["primitives"] * 4097}]),
-        MeshTooComplexError,
-    ),
-    "7e8 positions without indices": (
-        glb(
+    MalformedMeshError: {
+        **MALFORMED,
+        "7e8 positions without indices": glb(
             accessors=[{**POSITIONS, "count": 700_000_002}],
             meshes=[{"primitives": [{"attributes": {"POSITION": 0}}]}],
         ),
-        MalformedMeshError,
-    ),
+    },
+    NoTrianglesError: {
+        "no nodes": glb(nodes=[], scenes=[{}]),
+        "no meshes": glb(nodes=[{}]),
+        "a mesh in another scene": glb(scenes=[{}, {"nodes": [0]}]),
+        "no primitives": glb(meshes=[{"primitives": []}]),
+        "no indices in the list": accessor(1, count=0),
+    },
+    NonFiniteCoordinatesError: {
+        "NaN": glb(positions=np.where(CUBE, np.nan, 0)),
+        "infinity": glb(positions=np.where(CUBE, np.inf, 0)),
+        "placed at NaN": glb(nodes=[{"mesh": 0, "translation": [float("nan"), 0, 0]}]),
+        "placed at infinity": glb(
+            nodes=[{"mesh": 0, "scale": [1e308, 1, 1], "children": [1]}, {"mesh": 0, "scale": [1e308, 1, 1]}]
+        ),
+    },
+    DegenerateMeshError: {
+        "one point": glb(positions=np.ones((8, 3))),
+        "scaled to nothing": glb(nodes=[{"mesh": 0, "scale": [0, 0, 0]}]),
+    },
+    ExternalReferenceError: {
+        "a buffer in a file": glb(buffers=[{"uri": "file:///etc/passwd", "byteLength": 9}]),
+        "a buffer in a path": glb(buffers=[{"uri": "../../a.bin", "byteLength": 9}]),
+        "a buffer on the net": glb(buffers=[{"uri": "http://a/b.bin", "byteLength": 9}]),
+        "an image on the net": glb(images=[{"uri": "http://169.254.169.254/"}]),
+    },
+    MeshTooComplexError: {
+        "20,000 instances": glb(**nodes(*[{"mesh": 0}] * 20_000, roots=range(20_000))),
+        "100,000 nodes": glb(**nodes({"mesh": 0}, *[{}] * 100_000)),
+        "4,097 primitives": glb(meshes=[{"primitives": primitive()[0]["primitives"] * 4097}]),
+    },
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_bad(case):
-    data, error = BAD[case]
+@faulty(BAD)
+def test_bad(data, error):
     with pytest.raises(error):
         read_mesh(data, "glb")
 

@@ -5,14 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from core.errors import (
-    DegenerateMeshError,
-    MalformedMeshError,
-    NonFiniteCoordinatesError,
-    NoTrianglesError,
-)
+from core.errors import DegenerateMeshError, MalformedMeshError, NonFiniteCoordinatesError, NoTrianglesError
 from core.io import read_mesh
-from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_ply, counted, lines, ply, ply_header
+from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_ply, counted, faulty, lines, ply, ply_header
 
 TEXT, BINARY = ply(), binary_ply()
 BODY = (lines(CUBE) + lines(counted(SQUARES))).encode()
@@ -32,132 +27,88 @@ def binary(vertices, faces, form="binary_little_endian", **header):
 PLAIN_VERTICES, PLAIN_FACES = packed(CUBE, "<3f"), packed(counted(SQUARES), "<B4i")
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(TEXT, id="text"),
-        pytest.param(ply(polygons=TRIANGLES), id="text, triangles"),
-        pytest.param(TEXT.replace(b"\n", b"\r\n"), id="text, CRLF"),
-        pytest.param(TEXT.replace(b"\n", b"\r"), id="text, CR"),
-        pytest.param(TEXT.rstrip(), id="text, no last newline"),
-        pytest.param(TEXT.replace(b"end_header\n", b"end_header\n\n \n") + b"\n\n", id="text, blank lines"),
-        pytest.param(ply(vertex=("double x", "float64 y", "float32 z")), id="text, types"),
-        pytest.param(
-            ply(vertex=("int x", "short y", "uchar z"), vertices=CUBE.astype(int)), id="text, integers"
-        ),
-        pytest.param(
-            ply(more=["comment end_header", "obj_info x", "comment TextureFile ../a.png", ""]), id="comments"
-        ),
-        pytest.param(ply(more=["comment caf\xe9"]), id="a comment not in ASCII"),
-        pytest.param(TEXT.replace(b"vertex_indices", b"vertex_index"), id="the other name"),
-        pytest.param(TEXT.replace(b"uchar int vertex", b"int uint vertex"), id="other types of lists"),
-        pytest.param(
-            ply(vertices=np.hstack([CUBE + 5, CUBE]), vertex=("float s", "float t", "float u", *XYZ)),
-            id="text, texture before the position",
-        ),
-        pytest.param(
-            ply(
-                vertices=np.hstack([CUBE, CUBE, 255 * CUBE.astype(int)]),
-                vertex=(*XYZ, "float nx", "float ny", "float nz", *COLOURS),
-            ),
-            id="text, normals and colours",
-        ),
-        pytest.param(
-            ply_header(
-                8,
-                6,
-                face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices", "float q"),
-            )
-            + (lines(CUBE) + lines([[1, 2, 0.5, 0.5, *row, 0.25] for row in counted(SQUARES)])).encode(),
-            id="text, lists before and values after",
-        ),
-        pytest.param(
-            ply_header(8, 6, face=("list uchar int vertex_indices", *COLOURS))
-            + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
-            id="text, colours of faces",
-        ),
-        pytest.param(
-            ply_header(8, 6, more=["element camera 2", "property float view", "property list uchar int tags"])
-            + b"0.5 0\n0.5 2 1 2\n"
-            + BODY,
-            id="text, another element first",
-        ),
-        pytest.param(
-            TEXT.replace(b"end_header", EDGES) + b"0 1\n2 3\n",
-            id="text, edges last",
-        ),
-        pytest.param(BINARY, id="binary"),
-        pytest.param(binary_ply(order=">"), id="binary, other byte order"),
-        pytest.param(binary_ply(polygons=TRIANGLES, order=">"), id="binary, other byte order, triangles"),
-        pytest.param(
-            ply_header(8, 6, form="binary_little_endian").replace(b"\n", b"\r\n")
-            + PLAIN_VERTICES
-            + PLAIN_FACES,
-            id="binary, CRLF",
-        ),
-        pytest.param(BINARY + b"\n", id="binary, a newline last"),
-        pytest.param(
-            binary(packed(CUBE, "<3d"), PLAIN_FACES, vertex=("double x", "double y", "double z")),
-            id="binary, doubles",
-        ),
-        pytest.param(
-            binary(
-                packed(np.hstack([CUBE + 5, CUBE]), ">6f"),
-                packed(counted(SQUARES), ">B4i"),
-                form="binary_big_endian",
-                vertex=("float u", "float v", "float nx", *XYZ),
-            ),
-            id="binary, more before the position",
-        ),
-        pytest.param(
-            binary(
-                packed([[*row, 1, 2, 3] for row in CUBE], "<3f3B"),
-                packed([[*row, 9] for row in counted(SQUARES)], "<B4if"),
-                vertex=(*XYZ, *COLOURS),
-                face=("list uchar int vertex_index", "float q"),
-            ),
-            id="binary, colours",
-        ),
-        pytest.param(
-            binary(
-                PLAIN_VERTICES, packed(counted(SQUARES), "<I4H"), face=("list uint ushort vertex_indices",)
-            ),
-            id="binary, other types of lists",
-        ),
-        pytest.param(
-            binary(
-                PLAIN_VERTICES,
-                packed([[1, 2, 0.5, 0.5, *row] for row in counted(SQUARES)], "<BB2fB4i"),
-                face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices"),
-            ),
-            id="binary, two lists",
-        ),
-        pytest.param(
-            ply_header(
-                8,
-                6,
-                form="binary_little_endian",
-                more=[
-                    "element strip 2",
-                    "property list int int a",
-                    "element none 3",
-                    "element one 2",
-                    "property double b",
-                ],
-            )
-            + struct.pack("<iii", 2, 7, 7)
-            + struct.pack("<i", 0)
-            + bytes(16)
-            + PLAIN_VERTICES
-            + PLAIN_FACES,
-            id="binary, other elements first",
-        ),
-        pytest.param(
-            BINARY.replace(b"end_header", EDGES) + bytes(16),
-            id="binary, edges last",
-        ),
-    ],
-)
+SOUND = {
+    "text": TEXT,
+    "text, triangles": ply(polygons=TRIANGLES),
+    "text, CRLF": TEXT.replace(b"\n", b"\r\n"),
+    "text, CR": TEXT.replace(b"\n", b"\r"),
+    "text, no last newline": TEXT.rstrip(),
+    "text, blank lines": TEXT.replace(b"end_header\n", b"end_header\n\n \n") + b"\n\n",
+    "text, types": ply(vertex=("double x", "float64 y", "float32 z")),
+    "text, integers": ply(vertex=("int x", "short y", "uchar z"), vertices=CUBE.astype(int)),
+    "comments": ply(more=["comment end_header", "obj_info x", "comment TextureFile ../a.png", ""]),
+    "a comment not in ASCII": ply(more=["comment caf\xe9"]),
+    "the other name": TEXT.replace(b"vertex_indices", b"vertex_index"),
+    "other types of lists": TEXT.replace(b"uchar int vertex", b"int uint vertex"),
+    "text, texture before the position": ply(
+        vertices=np.hstack([CUBE + 5, CUBE]), vertex=("float s", "float t", "float u", *XYZ)
+    ),
+    "text, normals and colours": ply(
+        vertices=np.hstack([CUBE, CUBE, 255 * CUBE.astype(int)]),
+        vertex=(*XYZ, "float nx", "float ny", "float nz", *COLOURS),
+    ),
+    "text, lists before and values after": ply_header(
+        8, 6, face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices", "float q")
+    )
+    + (lines(CUBE) + lines([[1, 2, 0.5, 0.5, *row, 0.25] for row in counted(SQUARES)])).encode(),
+    "text, colours of faces": ply_header(8, 6, face=("list uchar int vertex_indices", *COLOURS))
+    + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
+    "text, another element first": ply_header(
+        8, 6, more=["element camera 2", "property float view", "property list uchar int tags"]
+    )
+    + b"0.5 0\n0.5 2 1 2\n"
+    + BODY,
+    "text, edges last": TEXT.replace(b"end_header", EDGES) + b"0 1\n2 3\n",
+    "binary": BINARY,
+    "binary, other byte order": binary_ply(order=">"),
+    "binary, other byte order, triangles": binary_ply(polygons=TRIANGLES, order=">"),
+    "binary, CRLF": ply_header(8, 6, form="binary_little_endian").replace(b"\n", b"\r\n")
+    + PLAIN_VERTICES
+    + PLAIN_FACES,
+    "binary, a newline last": BINARY + b"\n",
+    "binary, doubles": binary(packed(CUBE, "<3d"), PLAIN_FACES, vertex=("double x", "double y", "double z")),
+    "binary, more before the position": binary(
+        packed(np.hstack([CUBE + 5, CUBE]), ">6f"),
+        packed(counted(SQUARES), ">B4i"),
+        form="binary_big_endian",
+        vertex=("float u", "float v", "float nx", *XYZ),
+    ),
+    "binary, colours": binary(
+        packed([[*row, 1, 2, 3] for row in CUBE], "<3f3B"),
+        packed([[*row, 9] for row in counted(SQUARES)], "<B4if"),
+        vertex=(*XYZ, *COLOURS),
+        face=("list uchar int vertex_index", "float q"),
+    ),
+    "binary, other types of lists": binary(
+        PLAIN_VERTICES, packed(counted(SQUARES), "<I4H"), face=("list uint ushort vertex_indices",)
+    ),
+    "binary, two lists": binary(
+        PLAIN_VERTICES,
+        packed([[1, 2, 0.5, 0.5, *row] for row in counted(SQUARES)], "<BB2fB4i"),
+        face=("uchar flag", "list uchar float texcoord", "list uchar int vertex_indices"),
+    ),
+    "binary, other elements first": ply_header(
+        8,
+        6,
+        form="binary_little_endian",
+        more=[
+            "element strip 2",
+            "property list int int a",
+            "element none 3",
+            "element one 2",
+            "property double b",
+        ],
+    )
+    + struct.pack("<iii", 2, 7, 7)
+    + struct.pack("<i", 0)
+    + bytes(16)
+    + PLAIN_VERTICES
+    + PLAIN_FACES,
+    "binary, edges last": BINARY.replace(b"end_header", EDGES) + bytes(16),
+}
+
+
+@pytest.mark.parametrize("data", SOUND.values(), ids=SOUND)
 def test_reads(data):
     mesh = read_mesh(data, "ply")
     assert np.array_equal(mesh.vertices, CUBE)
@@ -272,24 +223,29 @@ MALFORMED = {
     ),
 }
 BAD = {
-    **{case: (data, MalformedMeshError) for case, data in MALFORMED.items()},
-    "text, NaN": (header((b"1.0 1.0", b"1.0 nan")), NonFiniteCoordinatesError),
-    "text, infinity": (header((b"1.0 1.0", b"1.0 inf")), NonFiniteCoordinatesError),
-    "text, too large for its type": (header((b"1.0 1.0", b"1.0 1e99")), NonFiniteCoordinatesError),
-    "text, points": (ply(polygons=[]), NoTrianglesError),
-    "text, points and no faces declared": (header((b"element face 6", b"element edge 6")), NoTrianglesError),
-    "text, edges": (ply(polygons=[[0, 1]] * 4), NoTrianglesError),
-    "text, one point": (ply(vertices=np.ones((8, 3))), DegenerateMeshError),
-    "binary, NaN": (binary_ply(vertices=np.where(CUBE, np.nan, 0)), NonFiniteCoordinatesError),
-    "binary, infinity": (binary_ply(vertices=np.where(CUBE, np.inf, 0)), NonFiniteCoordinatesError),
-    "binary, points": (binary_ply(polygons=[]), NoTrianglesError),
-    "binary, edges": (binary_ply(polygons=[[0, 1]] * 4), NoTrianglesError),
-    "binary, one point": (binary_ply(vertices=np.ones((8, 3))), DegenerateMeshError),
+    MalformedMeshError: MALFORMED,
+    NonFiniteCoordinatesError: {
+        "text, NaN": header((b"1.0 1.0", b"1.0 nan")),
+        "text, infinity": header((b"1.0 1.0", b"1.0 inf")),
+        "text, too large for its type": header((b"1.0 1.0", b"1.0 1e99")),
+        "binary, NaN": binary_ply(vertices=np.where(CUBE, np.nan, 0)),
+        "binary, infinity": binary_ply(vertices=np.where(CUBE, np.inf, 0)),
+    },
+    NoTrianglesError: {
+        "text, points": ply(polygons=[]),
+        "text, points and no faces declared": header((b"element face 6", b"element edge 6")),
+        "text, edges": ply(polygons=[[0, 1]] * 4),
+        "binary, points": binary_ply(polygons=[]),
+        "binary, edges": binary_ply(polygons=[[0, 1]] * 4),
+    },
+    DegenerateMeshError: {
+        "text, one point": ply(vertices=np.ones((8, 3))),
+        "binary, one point": binary_ply(vertices=np.ones((8, 3))),
+    },
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_bad(case):
-    data, error = BAD[case]
+@faulty(BAD)
+def test_bad(data, error):
     with pytest.raises(error):
         read_mesh(data, "ply")

@@ -11,38 +11,36 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.io import Limits, read_mesh
-from tests.core.io.files import CUBE, TRIANGLES, binary_stl, stl
+from tests.core.io.files import CUBE, TRIANGLES, binary_stl, faulty, stl
 
 CORNERS = CUBE[TRIANGLES]
 ASCII, BINARY = stl(CORNERS), binary_stl(CORNERS)
 FACET = ASCII[ASCII.index(b"facet") : ASCII.index(b"endfacet") + 9]
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(BINARY, id="binary"),
-        pytest.param(binary_stl(CORNERS, header=b"solid cube"), id="binary that begins with solid"),
-        pytest.param(binary_stl(CORNERS, header=b"\xff\xfe\0\0"), id="binary with anything in its header"),
-        pytest.param(ASCII, id="ASCII"),
-        pytest.param(ASCII.replace(b"\n", b"\r\n"), id="CRLF"),
-        pytest.param(ASCII.replace(b"\n", b"\r"), id="CR"),
-        pytest.param(ASCII.replace(b"\n", b" "), id="one line"),
-        pytest.param(ASCII.replace(b"    vertex", b"vertex ").replace(b"\n", b"\n\n\t "), id="blank lines"),
-        pytest.param(ASCII.upper(), id="capitals"),
-        pytest.param(b"\xef\xbb\xbf\n  " + ASCII, id="byte order mark"),
-        pytest.param(ASCII.rstrip(), id="no last newline"),
-        pytest.param(stl(CORNERS, name=""), id="no name"),
-        pytest.param(stl(CORNERS, name="solid vertex 1 2 3 endfacet normal"), id="a name of keywords"),
-        pytest.param(stl(CORNERS, name="caf\xe9"), id="a name not in ASCII"),
-        pytest.param(ASCII.replace(b"endsolid cube", b"end solid"), id="end in two words"),
-        pytest.param(
-            ASCII.replace(b"normal 0 0 1", b"normal nan -nan inf"), id="normals that are not numbers"
-        ),
-        pytest.param(stl(CORNERS[:5]) + stl(CORNERS[5:], name="other"), id="two solids"),
-        pytest.param(stl([]) + ASCII, id="an empty solid first"),
-    ],
-)
+SOUND = {
+    "binary": BINARY,
+    "binary that begins with solid": binary_stl(CORNERS, header=b"solid cube"),
+    "binary with anything in its header": binary_stl(CORNERS, header=b"\xff\xfe\0\0"),
+    "ASCII": ASCII,
+    "CRLF": ASCII.replace(b"\n", b"\r\n"),
+    "CR": ASCII.replace(b"\n", b"\r"),
+    "one line": ASCII.replace(b"\n", b" "),
+    "blank lines": ASCII.replace(b"    vertex", b"vertex ").replace(b"\n", b"\n\n\t "),
+    "capitals": ASCII.upper(),
+    "byte order mark": b"\xef\xbb\xbf\n  " + ASCII,
+    "no last newline": ASCII.rstrip(),
+    "no name": stl(CORNERS, name=""),
+    "a name of keywords": stl(CORNERS, name="solid vertex 1 2 3 endfacet normal"),
+    "a name not in ASCII": stl(CORNERS, name="caf\xe9"),
+    "end in two words": ASCII.replace(b"endsolid cube", b"end solid"),
+    "normals that are not numbers": ASCII.replace(b"normal 0 0 1", b"normal nan -nan inf"),
+    "two solids": stl(CORNERS[:5]) + stl(CORNERS[5:], name="other"),
+    "an empty solid first": stl([]) + ASCII,
+}
+
+
+@pytest.mark.parametrize("data", SOUND.values(), ids=SOUND)
 def test_reads(data):
     mesh = read_mesh(data, "stl")
     assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
@@ -89,23 +87,24 @@ MALFORMED = {
     "no loop": ASCII.replace(b"outer loop", b"", 1),
 }
 BAD = {
-    **{case: (data, MalformedMeshError) for case, data in MALFORMED.items()},
-    "binary with no facets": (binary_stl([]), NoTrianglesError),
-    "binary NaN": (binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]]), NonFiniteCoordinatesError),
-    "binary infinity": (binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.inf, 0]]]), NonFiniteCoordinatesError),
-    "binary one point": (binary_stl(np.ones((4, 3, 3))), DegenerateMeshError),
-    "no facets": (stl([]), NoTrianglesError),
-    "NaN": (ASCII.replace(b"1.0", b"nan", 1), NonFiniteCoordinatesError),
-    "infinity": (ASCII.replace(b"1.0", b"-Infinity", 1), NonFiniteCoordinatesError),
-    "one point": (stl(np.ones((4, 3, 3))), DegenerateMeshError),
-    "8,000 solids": (stl(CORNERS[:1]) * 8_000, MeshTooComplexError),
-    "40,000 empty solids": (stl([]) * 40_000, MeshTooComplexError),
+    MalformedMeshError: MALFORMED,
+    NoTrianglesError: {"binary with no facets": binary_stl([]), "no facets": stl([])},
+    NonFiniteCoordinatesError: {
+        "binary NaN": binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]]),
+        "binary infinity": binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.inf, 0]]]),
+        "NaN": ASCII.replace(b"1.0", b"nan", 1),
+        "infinity": ASCII.replace(b"1.0", b"-Infinity", 1),
+    },
+    DegenerateMeshError: {
+        "binary one point": binary_stl(np.ones((4, 3, 3))),
+        "one point": stl(np.ones((4, 3, 3))),
+    },
+    MeshTooComplexError: {"8,000 solids": stl(CORNERS[:1]) * 8_000, "40,000 empty solids": stl([]) * 40_000},
 }
 
 
-@pytest.mark.parametrize("case", BAD)
-def test_bad(case):
-    data, error = BAD[case]
+@faulty(BAD)
+def test_bad(data, error):
     with pytest.raises(error):
         read_mesh(data, "stl")
 

@@ -11,7 +11,7 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.io import Limits, read_mesh
-from tests.core.io.files import CUBE, SQUARES, TRIANGLES, counted, lines, obj, off
+from tests.core.io.files import CUBE, SQUARES, TRIANGLES, counted, faulty, lines, obj, off
 from tests.core.shapes import area
 
 V, F = lines(CUBE, "v "), lines(SQUARES + 1, "f ")
@@ -27,79 +27,75 @@ def is_cube(mesh):
     return np.array_equal(mesh.vertices, CUBE) and np.array_equal(mesh.faces, TRIANGLES)
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(off(), id="plain"),
-        pytest.param(off(polygons=TRIANGLES), id="triangles"),
-        pytest.param(off(header="OFF "), id="counts on the line of the word"),
-        pytest.param(off(header="OFF"), id="no space after the word"),
-        pytest.param(off(header="off\n"), id="small letters"),
-        pytest.param(off(header="\n\n  OFF\n"), id="blank lines first"),
-        pytest.param(off(header="# made by hand OFF\nOFF # really\n\n#\n"), id="comments"),
-        pytest.param(b"\xef\xbb\xbf" + off(), id="byte order mark"),
-        pytest.param(off().replace(b"\n", b"\r\n"), id="CRLF"),
-        pytest.param(off().replace(b"\n", b"\r"), id="CR"),
-        pytest.param(off().replace(b" ", b"\t "), id="tabs"),
-        pytest.param(off().rstrip(), id="no last newline"),
-        pytest.param(off() + b"\n \n\n", id="blank lines last"),
-        pytest.param(off(header="OFF\n# h\xe9\n"), id="not ASCII"),
-        pytest.param(off(header="OFF\n#")[:5] + b"\xff\xfe\n" + off(header=""), id="not UTF-8"),
-        pytest.param(off(counts=(8, 6)), id="no number of edges"),
-        pytest.param(off(header="NOFF\n", vertices=np.hstack([CUBE, CUBE])), id="normals"),
-        pytest.param(off(header="COFF\n", vertices=np.hstack([CUBE, CUBE, [[0.5]] * 8])), id="colours"),
-        pytest.param(off(header="STCNOFF\n", vertices=np.tile(CUBE, 4)), id="all of them"),
-        pytest.param(
-            b"OFF\n8 6 0\n"
-            + (lines(CUBE) + lines([[*row, 0.5, 0.25, 1] for row in counted(SQUARES)])).encode(),
-            id="colours of faces",
-        ),
-        pytest.param(
-            b"OFF\n8 6 0\n" + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
-            id="whole colours of faces",
-        ),
-        pytest.param(off(polygons=[[0], [0, 1], *SQUARES.tolist(), []]), id="points and edges"),
-    ],
-)
+SOUND_OFF = {
+    "plain": off(),
+    "triangles": off(polygons=TRIANGLES),
+    "counts on the line of the word": off(header="OFF "),
+    "no space after the word": off(header="OFF"),
+    "small letters": off(header="off\n"),
+    "blank lines first": off(header="\n\n  OFF\n"),
+    "comments": off(header="# made by hand OFF\nOFF # really\n\n#\n"),
+    "byte order mark": b"\xef\xbb\xbf" + off(),
+    "CRLF": off().replace(b"\n", b"\r\n"),
+    "CR": off().replace(b"\n", b"\r"),
+    "tabs": off().replace(b" ", b"\t "),
+    "no last newline": off().rstrip(),
+    "blank lines last": off() + b"\n \n\n",
+    "not ASCII": off(header="OFF\n# h\xe9\n"),
+    "not UTF-8": off(header="OFF\n#")[:5] + b"\xff\xfe\n" + off(header=""),
+    "no number of edges": off(counts=(8, 6)),
+    "normals": off(header="NOFF\n", vertices=np.hstack([CUBE, CUBE])),
+    "colours": off(header="COFF\n", vertices=np.hstack([CUBE, CUBE, [[0.5]] * 8])),
+    "all of them": off(header="STCNOFF\n", vertices=np.tile(CUBE, 4)),
+    "colours of faces": b"OFF\n8 6 0\n"
+    + (lines(CUBE) + lines([[*row, 0.5, 0.25, 1] for row in counted(SQUARES)])).encode(),
+    "whole colours of faces": b"OFF\n8 6 0\n"
+    + (lines(CUBE) + lines([[*row, 255, 0, 0] for row in counted(SQUARES)])).encode(),
+    "points and edges": off(polygons=[[0], [0, 1], *SQUARES.tolist(), []]),
+}
+
+
+@pytest.mark.parametrize("data", SOUND_OFF.values(), ids=SOUND_OFF)
 def test_off(data):
     assert is_cube(read_mesh(data, "off"))
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(obj(), id="plain"),
-        pytest.param(obj(polygons=TRIANGLES), id="triangles"),
-        pytest.param(obj().replace(b"\n", b"\r\n"), id="CRLF"),
-        pytest.param(obj().replace(b"\n", b" \r"), id="CR"),
-        pytest.param(obj().rstrip(), id="no last newline"),
-        pytest.param(obj().replace(b"\nv", b"\n\t v").replace(b" ", b"  \t"), id="indented"),
-        pytest.param(b"\xef\xbb\xbf# caf\xc3\xa9\n" + obj().replace(b"\n", b" # x\n"), id="comments"),
-        pytest.param(obj().replace(b" 0.0\n", b" \\\n0.0\n"), id="lines that go on"),
-        pytest.param(b"# C:\\a\\\n" + obj().replace(b" 0.0\n", b" \\\n0.0\n"), id="a folder in a comment"),
-        pytest.param((F + V).encode(), id="faces first"),
-        pytest.param((V + "vt 0 0\n" + corners("/1")).encode(), id="v/vt"),
-        pytest.param((V + "vt 0 0\n" + corners("/")).encode(), id="v/"),
-        pytest.param((V + "vn 0 0 1\n" + corners("//1")).encode(), id="v//vn"),
-        pytest.param((V + "vt 0 0\nvn 0 0 1\n" + corners("/1/1")).encode(), id="v/vt/vn"),
-        pytest.param((V + "vt 0 0\nvn 0 0 1\n" + corners("/-1/-1")).encode(), id="relative textures"),
-        pytest.param((V + F.replace("f 1 ", "f 1/9/9 ")).encode(), id="mixed forms"),
-        pytest.param(lines(np.hstack([CUBE, CUBE]), "v ").encode() + F.encode(), id="colours"),
-        pytest.param(lines(np.hstack([CUBE, [[1.0]] * 8]), "v ").encode() + F.encode(), id="weights"),
-        pytest.param((V.replace("\n", " 1\n", 3) + F).encode(), id="weights on some"),
-        pytest.param((V + "p 1 2 3\nl 1 2\nvp 1 1\ncstype bezier\nf\n" + F).encode(), id="points and lines"),
-        pytest.param((V + "f 1 2\n" + F).encode(), id="a face of two corners"),
-        pytest.param((V + F.replace("f", "o a\ng b c\ns off\nusemtl d\nf")).encode(), id="groups"),
-        pytest.param((V + lines(SQUARES - 8, "f ")).encode(), id="relative"),
-        pytest.param((V + lines(SQUARES[:3] - 8, "f ") + lines(SQUARES[3:] + 1, "f ")).encode(), id="both"),
-        pytest.param(
-            (lines(CUBE[:4], "v ") + lines(SQUARES[:1] - 4, "f ")
-             + lines(CUBE[4:], "v ") + lines(SQUARES[1:] - 8, "f ")).encode(),
-            id="relative to what is above",
-        ),
-        pytest.param((V + F.replace("f 1 ", "f -8 ")).encode(), id="relative and not in one face"),
-    ],
-)  # fmt: skip
+SOUND_OBJ = {
+    "plain": obj(),
+    "triangles": obj(polygons=TRIANGLES),
+    "CRLF": obj().replace(b"\n", b"\r\n"),
+    "CR": obj().replace(b"\n", b" \r"),
+    "no last newline": obj().rstrip(),
+    "indented": obj().replace(b"\nv", b"\n\t v").replace(b" ", b"  \t"),
+    "comments": b"\xef\xbb\xbf# caf\xc3\xa9\n" + obj().replace(b"\n", b" # x\n"),
+    "lines that go on": obj().replace(b" 0.0\n", b" \\\n0.0\n"),
+    "a folder in a comment": b"# C:\\a\\\n" + obj().replace(b" 0.0\n", b" \\\n0.0\n"),
+    "faces first": (F + V).encode(),
+    "v/vt": (V + "vt 0 0\n" + corners("/1")).encode(),
+    "v/": (V + "vt 0 0\n" + corners("/")).encode(),
+    "v//vn": (V + "vn 0 0 1\n" + corners("//1")).encode(),
+    "v/vt/vn": (V + "vt 0 0\nvn 0 0 1\n" + corners("/1/1")).encode(),
+    "relative textures": (V + "vt 0 0\nvn 0 0 1\n" + corners("/-1/-1")).encode(),
+    "mixed forms": (V + F.replace("f 1 ", "f 1/9/9 ")).encode(),
+    "colours": lines(np.hstack([CUBE, CUBE]), "v ").encode() + F.encode(),
+    "weights": lines(np.hstack([CUBE, [[1.0]] * 8]), "v ").encode() + F.encode(),
+    "weights on some": (V.replace("\n", " 1\n", 3) + F).encode(),
+    "points and lines": (V + "p 1 2 3\nl 1 2\nvp 1 1\ncstype bezier\nf\n" + F).encode(),
+    "a face of two corners": (V + "f 1 2\n" + F).encode(),
+    "groups": (V + F.replace("f", "o a\ng b c\ns off\nusemtl d\nf")).encode(),
+    "relative": (V + lines(SQUARES - 8, "f ")).encode(),
+    "both": (V + lines(SQUARES[:3] - 8, "f ") + lines(SQUARES[3:] + 1, "f ")).encode(),
+    "relative to what is above": (
+        lines(CUBE[:4], "v ")
+        + lines(SQUARES[:1] - 4, "f ")
+        + lines(CUBE[4:], "v ")
+        + lines(SQUARES[1:] - 8, "f ")
+    ).encode(),
+    "relative and not in one face": (V + F.replace("f 1 ", "f -8 ")).encode(),
+}
+
+
+@pytest.mark.parametrize("data", SOUND_OBJ.values(), ids=SOUND_OBJ)
 def test_obj(data):
     assert is_cube(read_mesh(data, "obj"))
 
@@ -167,14 +163,18 @@ MALFORMED_OFF = {
     "UTF-16": off().decode().encode("utf-16"),
 }
 BAD_OFF = {
-    **{case: (data, MalformedMeshError) for case, data in MALFORMED_OFF.items()},
-    "points only": (off(polygons=[]), NoTrianglesError),
-    "edges only": (off(polygons=[[0, 1], [2, 3]]), NoTrianglesError),
-    "nothing": (b"OFF\n0 0 0\n", NoTrianglesError),
-    "NaN": (off().replace(b"1.0", b"nan", 1), NonFiniteCoordinatesError),
-    "infinity": (off().replace(b"1.0", b"-inf", 1), NonFiniteCoordinatesError),
-    "beyond 64 bits": (off().replace(b"1.0", b"1e999", 1), NonFiniteCoordinatesError),
-    "one point": (off(vertices=np.ones((8, 3))), DegenerateMeshError),
+    MalformedMeshError: MALFORMED_OFF,
+    NoTrianglesError: {
+        "points only": off(polygons=[]),
+        "edges only": off(polygons=[[0, 1], [2, 3]]),
+        "nothing": b"OFF\n0 0 0\n",
+    },
+    NonFiniteCoordinatesError: {
+        "NaN": off().replace(b"1.0", b"nan", 1),
+        "infinity": off().replace(b"1.0", b"-inf", 1),
+        "beyond 64 bits": off().replace(b"1.0", b"1e999", 1),
+    },
+    DegenerateMeshError: {"one point": off(vertices=np.ones((8, 3)))},
 }
 MALFORMED_OBJ = {
     "index 0": (V + "f 0 1 2\n").encode(),
@@ -196,33 +196,29 @@ MALFORMED_OBJ = {
     "zero bytes": (V + "\0" + F).encode(),
 }
 BAD_OBJ = {
-    **{case: (data, MalformedMeshError) for case, data in MALFORMED_OBJ.items()},
-    "points only": ((V + "p 1\n").encode(), NoTrianglesError),
-    "lines only": ((V + "l 1 2 3\n").encode(), NoTrianglesError),
-    "faces of two corners": ((V + "f 1 2\nf 2 3\n").encode(), NoTrianglesError),
-    "NaN": ((V + F).replace("1.0", "NaN", 1).encode(), NonFiniteCoordinatesError),
-    "NaN of Microsoft's C library": (
-        (V + F).replace("1.0", "-nan(ind)", 1).encode(),
-        NonFiniteCoordinatesError,
-    ),
-    "NaN in a vertex that is not used": ((V + "v 1 nan 1\n" + F).encode(), NonFiniteCoordinatesError),
-    "infinity": ((V + F).replace("1.0", "inf", 1).encode(), NonFiniteCoordinatesError),
-    "beyond 64 bits": ((V + F).replace("1.0", "-1e999", 1).encode(), NonFiniteCoordinatesError),
-    "one repeated point": ((V + "f 1 1 1\nf 2 2 2\n").encode(), DegenerateMeshError),
-    "20,000 groups": (
-        (V + "".join(f"g {i}\nf 1 2 3\n" for i in range(20_000))).encode(),
-        MeshTooComplexError,
-    ),
-    "20,000 materials": (
-        (V + "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n" * 10_000).encode(),
-        MeshTooComplexError,
-    ),
+    MalformedMeshError: MALFORMED_OBJ,
+    NoTrianglesError: {
+        "points only": (V + "p 1\n").encode(),
+        "lines only": (V + "l 1 2 3\n").encode(),
+        "faces of two corners": (V + "f 1 2\nf 2 3\n").encode(),
+    },
+    NonFiniteCoordinatesError: {
+        "NaN": (V + F).replace("1.0", "NaN", 1).encode(),
+        "NaN of Microsoft's C library": (V + F).replace("1.0", "-nan(ind)", 1).encode(),
+        "NaN in a vertex that is not used": (V + "v 1 nan 1\n" + F).encode(),
+        "infinity": (V + F).replace("1.0", "inf", 1).encode(),
+        "beyond 64 bits": (V + F).replace("1.0", "-1e999", 1).encode(),
+    },
+    DegenerateMeshError: {"one repeated point": (V + "f 1 1 1\nf 2 2 2\n").encode()},
+    MeshTooComplexError: {
+        "20,000 groups": (V + "".join(f"g {i}\nf 1 2 3\n" for i in range(20_000))).encode(),
+        "20,000 materials": (V + "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n" * 10_000).encode(),
+    },
 }
 
 
-@pytest.mark.parametrize("case", BAD_OFF)
-def test_bad_off(case):
-    data, error = BAD_OFF[case]
+@faulty(BAD_OFF)
+def test_bad_off(data, error):
     with pytest.raises(error) as caught:
         read_mesh(data, "off")
     message = str(caught.value)
@@ -230,9 +226,8 @@ def test_bad_off(case):
     assert not any(sign in message for sign in ("Error", "array(", "b'", "<", "site-packages", "\n"))
 
 
-@pytest.mark.parametrize("case", BAD_OBJ)
-def test_bad_obj(case):
-    data, error = BAD_OBJ[case]
+@faulty(BAD_OBJ)
+def test_bad_obj(data, error):
     with pytest.raises(error):
         read_mesh(data, "obj")
 

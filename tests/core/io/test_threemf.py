@@ -19,7 +19,7 @@ from core.errors import (
 )
 from core.io import Limits, read_mesh, read_parts, write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import CUBE, TRIANGLES
+from tests.core.io.files import CUBE, TRIANGLES, faulty
 from tests.core.io.threemf_files import (
     BEAMS,
     CORE,
@@ -54,36 +54,25 @@ def corners(data, **limits):
     return read.vertices[read.faces]
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        pytest.param(package(), id="plain"),
-        pytest.param(package(method=zipfile.ZIP_STORED), id="stored"),
-        pytest.param(package(model(head="")), id="no unit said"),
-        pytest.param(package(model().replace("UTF-8", "UTF-16").encode("utf-16")), id="in UTF-16"),
-        pytest.param(package(parts={"Metadata/thumbnail.png": b"\x89PNG"}), id="a picture beside it"),
-        pytest.param(package(rels=RELS.replace("/3D/3dmodel", "3d/3DMODEL")), id="another case of letters"),
-        pytest.param(package(model(thing(1) + thing(2))), id="an object that is not built"),
-        pytest.param(package(model(head='requiredextensions="p"')), id="production required"),
-        pytest.param(
-            package(model(head=f'xmlns:m="{MATERIAL}" requiredextensions="m p"')), id="materials required"
-        ),
-        pytest.param(package(model(head=f'xmlns:b="{BEAMS}"')), id="beams not required"),
-        pytest.param(
-            package(model(thing(1) + thing(2, type="support"), [(1, None), (2, MOVED)])),
-            id="support left out",
-        ),
-        pytest.param(
-            package(
-                model(
-                    thing(1) + thing(2, type="other") + thing(3, components((1, None), (2, None))),
-                    [(3, None)],
-                )
-            ),
-            id="a helper left out",
-        ),
-    ],
-)  # fmt: skip
+CUBES = {
+    "plain": package(),
+    "stored": package(method=zipfile.ZIP_STORED),
+    "no unit said": package(model(head="")),
+    "in UTF-16": package(model().replace("UTF-8", "UTF-16").encode("utf-16")),
+    "a picture beside it": package(parts={"Metadata/thumbnail.png": b"\x89PNG"}),
+    "another case of letters": package(rels=RELS.replace("/3D/3dmodel", "3d/3DMODEL")),
+    "an object that is not built": package(model(thing(1) + thing(2))),
+    "production required": package(model(head='requiredextensions="p"')),
+    "materials required": package(model(head=f'xmlns:m="{MATERIAL}" requiredextensions="m p"')),
+    "beams not required": package(model(head=f'xmlns:b="{BEAMS}"')),
+    "support left out": package(model(thing(1) + thing(2, type="support"), [(1, None), (2, MOVED)])),
+    "a helper left out": package(
+        model(thing(1) + thing(2, type="other") + thing(3, components((1, None), (2, None))), [(3, None)])
+    ),
+}
+
+
+@pytest.mark.parametrize("data", CUBES.values(), ids=CUBES)
 def test_a_cube(data):
     assert np.array_equal(corners(data), CORNERS)
 
@@ -148,50 +137,45 @@ def test_limits_count_every_place():
 
 
 REFUSED = {
-    **{name: (data, MalformedMeshError) for name, data in MALFORMED.items()},
-    "no build": (package(model(items=())), NoTrianglesError),
-    "no faces": (package(model(thing(1, mesh(faces=())))), NoTrianglesError),
-    "nothing but support": (package(model(thing(1, type="support"))), NoTrianglesError),
-    "NaN": (with_coordinate("NaN"), NonFiniteCoordinatesError),
-    "infinity": (with_coordinate("inf"), NonFiniteCoordinatesError),
-    "past the largest number": (with_coordinate("1e999"), NonFiniteCoordinatesError),
-    "a transform of NaN": (
-        package(model(items=[(1, MOVED.replace("10", "nan"))])),
-        NonFiniteCoordinatesError,
-    ),
-    "scaled past the largest": (
-        package(model(items=[(1, "1e300 0 0 0 1 0 0 0 1 1e308 0 0")], head='unit="meter"')),
-        NonFiniteCoordinatesError,
-    ),
-    "scaled to nothing": (package(model(items=[(1, "0 0 0 0 0 0 0 0 0 0 0 0")])), DegenerateMeshError),
-    "one point": (package(model(thing(1, mesh(np.ones((8, 3)))))), DegenerateMeshError),
-    "a model elsewhere": (
-        package(rels=RELS.replace('Target="/', 'TargetMode="External" Target="file:///')),
-        ExternalReferenceError,
-    ),
-    "components of components": (package(model(nested(12), [(12, None)])), MeshTooComplexError),
-    "empty components of components": (
-        package(model(nested(12).replace(mesh(), "<components/>"), [(12, None)])),
-        MeshTooComplexError,
-    ),
-    "100,000 items": (package(model(items=[(1, None)] * 100_000)), MeshTooComplexError),
-    "100,000 objects": (
-        package(model("".join(thing(n, "") for n in range(100_000)), [(0, None)])),
-        MeshTooComplexError,
-    ),
-    "100,000 members": (
-        package(parts={f"{number}": "" for number in range(100_000)}),
-        MeshTooComplexError,
-    ),
-    "elements inside each other": (package(model("<a>" * 1_000 + "</a>" * 1_000)), MeshTooComplexError),
-    "a comment of 30 MB": (package(model(f"<!--{'x' * 30_000_000}-->")), MeshTooComplexError),
-    "an attribute of 30 MB": (package(model(head=f'unit="{"x" * 30_000_000}"')), MeshTooComplexError),
+    MalformedMeshError: MALFORMED,
+    NoTrianglesError: {
+        "no build": package(model(items=())),
+        "no faces": package(model(thing(1, mesh(faces=())))),
+        "nothing but support": package(model(thing(1, type="support"))),
+    },
+    NonFiniteCoordinatesError: {
+        "NaN": with_coordinate("NaN"),
+        "infinity": with_coordinate("inf"),
+        "past the largest number": with_coordinate("1e999"),
+        "a transform of NaN": package(model(items=[(1, MOVED.replace("10", "nan"))])),
+        "scaled past the largest": package(
+            model(items=[(1, "1e300 0 0 0 1 0 0 0 1 1e308 0 0")], head='unit="meter"')
+        ),
+    },
+    DegenerateMeshError: {
+        "scaled to nothing": package(model(items=[(1, "0 0 0 0 0 0 0 0 0 0 0 0")])),
+        "one point": package(model(thing(1, mesh(np.ones((8, 3)))))),
+    },
+    ExternalReferenceError: {
+        "a model elsewhere": package(rels=RELS.replace('Target="/', 'TargetMode="External" Target="file:///'))
+    },
+    MeshTooComplexError: {
+        "components of components": package(model(nested(12), [(12, None)])),
+        "empty components of components": package(
+            model(nested(12).replace(mesh(), "<components/>"), [(12, None)])
+        ),
+        "100,000 items": package(model(items=[(1, None)] * 100_000)),
+        "100,000 objects": package(model("".join(thing(n, "") for n in range(100_000)), [(0, None)])),
+        "100,000 members": package(parts={f"{number}": "" for number in range(100_000)}),
+        "elements inside each other": package(model("<a>" * 1_000 + "</a>" * 1_000)),
+        "a comment of 30 MB": package(model(f"<!--{'x' * 30_000_000}-->")),
+        "an attribute of 30 MB": package(model(head=f'unit="{"x" * 30_000_000}"')),
+    },
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_faulty_file_is_refused_by_its_cause(name):
-    data, error = REFUSED[name]
+@faulty(REFUSED)
+def test_a_faulty_file_is_refused_by_its_cause(data, error):
     with pytest.raises(error) as caught:
         read_mesh(data, "3mf")
     assert type(caught.value) is error

@@ -5,13 +5,7 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.mesh.edges import (
-    boundary_edges,
-    boundary_half_edges,
-    boundary_loops,
-    component_labels,
-    half_edges,
-)
+from core.mesh.edges import boundary_edges, boundary_half_edges, boundary_loops, component_labels, half_edges
 from core.mesh.mesh import Mesh
 from tests.core.shapes import MANY_KINDS, icosphere, joined, rectangle
 

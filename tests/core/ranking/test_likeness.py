@@ -5,14 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from core.ranking.likeness import (
-    NEAR_ISOMETRIC,
-    POSE_CC,
-    SIMILAR,
-    Copy,
-    Likeness,
-    likeness,
-)
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness
 
 FAR = 10.0 * NEAR_ISOMETRIC
 

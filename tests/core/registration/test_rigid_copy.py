@@ -75,10 +75,7 @@ def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
 
 @pytest.mark.parametrize(
     "copy",
-    [
-        moved(subdivide(HAND, 0.4, 1), 2, scale=2.0),
-        moved(simplified(HAND), 3, scale=2.0),
-    ],
+    [moved(subdivide(HAND, 0.4, 1), 2, scale=2.0), moved(simplified(HAND), 3, scale=2.0)],
     ids=["split", "simplified"],
 )
 def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(copy: Mesh) -> None:

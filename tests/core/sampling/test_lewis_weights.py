@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from core.errors import ParameterError
-from core.sampling.lewis_weights import (
-    lewis_weights,
-    orthonormal_basis,
-    polynomial_basis,
-    printed_constants,
-)
+from core.sampling.lewis_weights import lewis_weights, orthonormal_basis, polynomial_basis, printed_constants
 
 
 def cloud(count=300, seed=0):

@@ -19,11 +19,7 @@ from tests.core.matching.clouds import (
     random_record,
     record_of,
 )
-from tests.core.matching.reference import (
-    match_pair_reference,
-    refine_map_reference,
-    score_pairs_reference,
-)
+from tests.core.matching.reference import match_pair_reference, refine_map_reference, score_pairs_reference
 
 K = DEFAULT.spectral.dimensions
 ROUNDS = search_rounds(DEFAULT)

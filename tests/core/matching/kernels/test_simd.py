@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from numba import TypingError
 
-from core.matching.kernels.simd import (
-    SIMD_WIDTH,
-    SUMS,
-    TILE_ROWS,
-    cross_product,
-    product,
-    squared_distance,
-)
+from core.matching.kernels.simd import SIMD_WIDTH, SUMS, TILE_ROWS, cross_product, product, squared_distance
 
 
 def drawn(rng: np.random.Generator, *shape: int) -> np.ndarray:
