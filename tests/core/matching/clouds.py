@@ -12,8 +12,11 @@ from tests.core.shapes import FACTS
 
 
 def cloud(rng, count, k):
-    """Centred, of unit root mean square radius, each coordinate weaker than the one before; float32."""
-    points = rng.normal(size=(count, k)) * 0.8 ** np.arange(k)
+    """Centred, of unit root mean square radius, each coordinate weaker than the one before; float32.
+
+    `rng` is a seed or a generator.
+    """
+    points = np.random.default_rng(rng).normal(size=(count, k)) * 0.8 ** np.arange(k)
     points -= points.mean(axis=0)
     return (points / np.sqrt((points**2).sum(axis=1).mean())).astype(np.float32)
 
@@ -41,6 +44,26 @@ def embedded(clouds, m):
     )
 
 
+def random_embedding(seed, m, d, k=DEFAULT.spectral.dimensions, blocks=2):
+    """An embedding of random clouds: d points in `blocks` domains of k dimensions, m of them samples."""
+    rng = np.random.default_rng(seed)
+    return embedded([cloud(rng, d, k) for _ in range(blocks)], m)
+
+
+def degenerate(count, k):
+    """Clouds without volume, by what they are; of k >= 5 dimensions."""
+    points = cloud(1, count, k)
+    flat, line = points.copy(), np.zeros_like(points)
+    flat[:, 4:], line[:, 0] = 0.0, points[:, 0]
+    repeated = np.repeat(points[: count // 3], 3, axis=0)
+    return {
+        "points that coincide": repeated,
+        "flat": flat,
+        "a line": line,
+        "two places": points[np.arange(count) % 2],
+    }
+
+
 def parameters_for(k):
     """The default in k dimensions."""
     return DEFAULT.with_values(
@@ -51,14 +74,13 @@ def parameters_for(k):
 
 
 def random_record(seed, m, d, k, blocks):
-    """The arrays that matching reads: d points in `blocks` domains of k dimensions, m of them samples."""
-    rng = np.random.default_rng(seed)
-    return record_of(embedded([cloud(rng, d, k) for _ in range(blocks)], m), parameters_for(k))
+    """The arrays that matching reads of a `random_embedding`."""
+    return record_of(random_embedding(seed, m, d, k, blocks), parameters_for(k))
 
 
 def columns(seed, count, k, scale=1.0):
     """A cloud in rows of coordinates."""
-    return np.ascontiguousarray(cloud(np.random.default_rng(seed), count, k).T) * np.float32(scale)
+    return np.ascontiguousarray(cloud(seed, count, k).T) * np.float32(scale)
 
 
 def compared_pair(first, second, parameters=DEFAULT):

@@ -52,8 +52,7 @@ def fit_rotation_reference(
 
 def nearest_columns_reference(points: Reals, targets: Reals, k: int) -> Ints:
     """The nearest of targets, shape (>= k, n), to each of the points, shape (>= k, p), in k rows."""
-    step = points[:k, :, None].astype(np.float64) - targets[:k, None, :]
-    return np.asarray((step**2).sum(axis=0).argmin(axis=1))
+    return nearest_both_ways_reference(points[:k].T.astype(np.float64), targets[:k].T)[0]
 
 
 def signless_correlation_reference(points: Reals, targets: Reals, matches: Ints, k: int) -> float:

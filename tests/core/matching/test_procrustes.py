@@ -17,6 +17,7 @@ from tests.core.matching.clouds import (
     compared_pair,
     embedded,
     parameters_for,
+    random_embedding,
     random_record,
     record_of,
 )
@@ -34,11 +35,6 @@ TYPES = {
 }
 
 
-def made(seed=0, m=40, d=90, blocks=2):
-    rng = np.random.default_rng(seed)
-    return embedded([cloud(rng, d, K) for _ in range(blocks)], m)
-
-
 def relaid(embedding, change):
     spectra = tuple(Spectrum(one.name, one.eigenvalues, change(one.coordinates)) for one in embedding.spectra)
     return replace(embedding, spectra=spectra)
@@ -54,7 +50,7 @@ def read_only(array):
 @pytest.mark.parametrize("layout", [np.ascontiguousarray, np.asfortranarray, read_only])
 def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layout):
     """Others would compile the kernels anew, to slower loops."""
-    given = relaid(made(blocks=blocks), layout)
+    given = relaid(random_embedding(0, 40, 90, blocks=blocks), layout)
     for name, array in record_of(given)._asdict().items():
         assert array.dtype == TYPES[name]
         assert array.flags.c_contiguous
@@ -68,7 +64,7 @@ def test_arrays_are_of_one_type_and_layout_whatever_the_embedding_s(blocks, layo
 @pytest.mark.parametrize(("m", "d"), [(12, 12), (20, 20), (32, 50), (70, 200)])
 def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
     """The search asks for more than 12 and 20 samples."""
-    embedding = made(1, m, d, blocks)
+    embedding = random_embedding(1, m, d, K, blocks)
     found = record_of(embedding)
     rows, columns = min(m, DEFAULT.matching.search_samples), DEFAULT.matching.search_dimensions
     stages = columns - DEFAULT.matching.first_dimensions + 1
@@ -98,14 +94,14 @@ def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
 
 def test_splines_are_symmetric():
     """The search multiplies from the other side."""
-    found = record_of(made(2))
+    found = record_of(random_embedding(2, 40, 90))
     for operators in (found.operators, found.warp):
         assert np.array_equal(operators, np.swapaxes(operators, -1, -2))
 
 
 def test_search_samples_of_nothing_are_all():
     everything = DEFAULT.with_values(matching={"search_samples": 0, "search_dimensions": 0})
-    assert record_of(made(3, 40, 60), everything).searched.shape == (2, K, 40)
+    assert record_of(random_embedding(3, 40, 60), everything).searched.shape == (2, K, 40)
 
 
 def rotated(k, seed):
@@ -151,8 +147,7 @@ def test_distances_shown_are_those_that_the_softer_spline_leaves(m, n):
 
 def test_a_shape_s_own_samples_are_shown_beside_themselves():
     """Even where points coincide, so that any order of theirs is as good."""
-    rng = np.random.default_rng(4)
-    points = cloud(rng, 30, K)
+    points = cloud(4, 30, K)
     points[20:] = points[10:20]
     shape = record_of(embedded([points], 30))
     matches, distances, effective = one_to_one_pairs(shape, shape, np.eye(K, dtype=np.float32), same=True)

@@ -8,13 +8,7 @@ from core.matching.match_records import embedding_key
 from core.matching.thin_plate_spline import mean_pair_distance, smoother, spline_operators
 from core.matching.tps_matcher import TpsMatcher, spline_search
 from core.parameters import PAPER
-from tests.core.matching.clouds import cloud as decaying_cloud
-from tests.core.matching.clouds import embedded
-
-
-def cloud(seed, count, k):
-    """Centred, of unit root mean square radius, each coordinate weaker than the one before."""
-    return decaying_cloud(np.random.default_rng(seed), count, k)
+from tests.core.matching.clouds import cloud, embedded
 
 
 def search(points, targets, operators, starts, kept, start_rounds, step_rounds):
@@ -119,7 +113,7 @@ def prepared(embedding, parameters):
 
 
 def domain(seed, m, parameters):
-    points = decaying_cloud(np.random.default_rng(seed), m, parameters.spectral.dimensions)
+    points = cloud(seed, m, parameters.spectral.dimensions)
     return prepared(embedded([points], m), parameters).domains[0]
 
 
@@ -157,7 +151,7 @@ def test_the_comparison_is_the_plain_one(name, m, n):
 
 
 def test_a_domain_is_the_samples_alone():
-    points = decaying_cloud(np.random.default_rng(1), 60, 3)
+    points = cloud(1, 60, 3)
     shape = prepared(embedded([points], 40), PAPER)
     assert shape.samples == 40
     (found,) = shape.domains

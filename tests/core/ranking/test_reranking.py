@@ -1,5 +1,6 @@
 """Approximate CC from quantised points, against the plain match on the same numbers; bad bytes."""
 
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -12,7 +13,7 @@ from core.matching.match_records import match_record, score_match_records, searc
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, quantised_points, rerank
-from tests.core.matching.clouds import cloud, embedded
+from tests.core.matching.clouds import cloud, embedded, random_embedding
 from tests.core.matching.reference import best_map_reference, fit_map_reference
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
@@ -26,9 +27,7 @@ def embeddings():
     made = [pipeline.embed(make_shape(*name)) for name in names]
     fingerprint = made[0].fingerprint
     for seed, (m, d) in enumerate([(100, 300), (60, 60), (45, 91), (12, 12)]):
-        rng = np.random.default_rng(seed)
-        one = embedded([cloud(rng, d, DEFAULT.spectral.dimensions) for _ in DEFAULT.spectral.operators], m)
-        made.append(type(one)(**{**vars(one), "fingerprint": fingerprint}))
+        made.append(replace(random_embedding(seed, m, d), fingerprint=fingerprint))
     return made
 
 
@@ -60,14 +59,14 @@ def flat(searched):
 
 @pytest.mark.parametrize("samples", [4, 7, 12, 32])
 def test_flat_splines_are_least_squares_affine_maps(samples):
-    points = cloud(np.random.default_rng(samples), samples, LAST)
+    points = cloud(samples, samples, LAST)
     for k, found in enumerate(flat(points.T), start=FIRST):
         affine = np.concatenate([np.ones((samples, 1)), points[:, :k]], axis=1)
         assert found == pytest.approx(affine @ np.linalg.pinv(affine), abs=1e-3)
 
 
 def test_coordinates_that_say_nothing_new_add_nothing():
-    points = cloud(np.random.default_rng(4), 32, LAST)
+    points = cloud(4, 32, LAST)
     points[:, 4] = 0.0
     points[:, 5] = 2.0 * points[:, 0] + 1.0
     three, four, five, six = flat(points.T)
@@ -125,7 +124,8 @@ def with_number(data, place, number):
     return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
 
 
-COLUMNS = DEFAULT.spectral.dimensions * len(DEFAULT.spectral.operators)
+B = len(DEFAULT.spectral.operators)
+COLUMNS = DEFAULT.spectral.dimensions * B
 
 
 def test_bytes_that_are_no_points_have_no_score(records, points):
@@ -152,10 +152,6 @@ def test_bytes_that_are_no_points_have_no_score(records, points):
     assert found[0] == rerank(records[1], [sound], DEFAULT)[0]
 
 
-K = DEFAULT.spectral.dimensions
-B = len(DEFAULT.spectral.operators)
-
-
 def dequantised(quantised, columns):
     """The points of coarse samples, float64, shape (count, columns)."""
     count = int(quantised[:4].view(np.int32)[0])
@@ -168,8 +164,7 @@ def dequantised(quantised, columns):
 @pytest.mark.parametrize(("m", "d"), [(100, 500), (COARSE_SAMPLES, 40), (12, 12)])
 @pytest.mark.parametrize("k", [1, 3, 10])
 def test_coarse_samples_hold_the_first_samples_to_a_127th_of_each_column(k, m, d):
-    rng = np.random.default_rng(m)
-    embedding = embedded([cloud(rng, d, k) for _ in range(2)], m)
+    embedding = random_embedding(m, m, d, k)
     quantised = coarse_samples(embedding)
     assert (quantised.dtype, quantised.shape) == (np.uint8, (4 + 36 * 2 * k,))
     points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)[: min(m, COARSE_SAMPLES)]
@@ -179,7 +174,7 @@ def test_coarse_samples_hold_the_first_samples_to_a_127th_of_each_column(k, m, d
 
 
 def test_a_column_of_nothing_is_nothing():
-    points = cloud(np.random.default_rng(1), 40, 4)
+    points = cloud(1, 40, 4)
     points[:, 2] = 0.0
     assert not dequantised(coarse_samples(embedded([points], 40)), 4)[:, 2].any()
 
@@ -193,7 +188,7 @@ def test_a_coarse_ranking_is_one_search_a_domain_refined_once(embeddings):
     )
     for i, j in permutations(range(len(records)), 2):
         (found,) = coarse_ranking(records[i], quantised[j : j + 1], DEFAULT)
-        points = dequantised(quantised[j], B * K).astype(np.float32)
+        points = dequantised(quantised[j], COLUMNS).astype(np.float32)
         blocks = np.split(points, B, axis=1)
         other = decoded(records[j])._replace(
             points=points,

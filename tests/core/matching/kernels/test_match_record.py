@@ -9,7 +9,7 @@ from core.matching.kernels.match_record import decoded, encoded
 from core.matching.match_records import embedding_key, score_match_records
 from core.matching.procrustes import ProcrustesMatcher
 from core.parameters import DEFAULT
-from tests.core.matching.clouds import cloud, embedded, random_record
+from tests.core.matching.clouds import random_embedding, random_record
 
 K = DEFAULT.spectral.dimensions
 SIZES = [(100, 500), (60, 60), (100, 300), (45, 91), (33, 40), (12, 12)]
@@ -18,12 +18,8 @@ SIZES = [(100, 500), (60, 60), (100, 300), (45, 91), (33, 40), (12, 12)]
 @pytest.fixture(scope="module")
 def prepared():
     """Match records of shapes of any number of samples."""
-    made = []
-    for seed, (m, d) in enumerate(SIZES):
-        rng = np.random.default_rng(seed)
-        one = embedded([cloud(rng, d, K) for _ in DEFAULT.spectral.operators], m)
-        made.append(ProcrustesMatcher(DEFAULT).prepare(one, embedding_key(one)))
-    return made
+    made = [random_embedding(seed, m, d) for seed, (m, d) in enumerate(SIZES)]
+    return [ProcrustesMatcher(DEFAULT).prepare(one, embedding_key(one)) for one in made]
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])

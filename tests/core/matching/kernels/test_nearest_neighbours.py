@@ -19,10 +19,6 @@ from tests.core.matching.reference import (
 )
 
 
-def random_cloud(seed, count, k):
-    return cloud(np.random.default_rng(seed), count, k)
-
-
 def both(points, targets, low):
     there = np.empty(len(points), dtype=np.int32)
     back = np.empty(len(targets), dtype=np.int32)
@@ -43,7 +39,7 @@ def precision(low):
 @pytest.mark.parametrize(("m", "n"), [(2, 2), (37, 90), (120, 12)])
 @pytest.mark.parametrize("k", [2, 7, 20])
 def test_mutual_neighbours_are_the_plain_ones_but_for_the_bits_that_are_left_out(k, m, n, low):
-    points, targets = random_cloud(k, m, k), random_cloud(50 + k, n, k)
+    points, targets = cloud(k, m, k), cloud(50 + k, n, k)
     squares = squared(points, targets)
     relative, absolute = precision(low)
     found, plain = both(points, targets, low), nearest_both_ways_reference(points.astype(np.float64), targets)
@@ -57,7 +53,7 @@ def test_mutual_neighbours_are_the_plain_ones_but_for_the_bits_that_are_left_out
 
 
 def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():
-    points, targets = random_cloud(1, 16383, 3), random_cloud(2, 5, 3)
+    points, targets = cloud(1, 16383, 3), cloud(2, 5, 3)
     there, back = both(points, targets, 16384)
     squares = squared(points, targets)
     relative, absolute = precision(16384)
@@ -67,7 +63,7 @@ def test_a_number_for_each_of_so_many_that_fourteen_bits_hold():
 
 
 def test_the_first_of_coincident_points_is_taken():
-    points = np.repeat(random_cloud(4, 10, 6), 3, axis=0)
+    points = np.repeat(cloud(4, 10, 6), 3, axis=0)
     for matches in both(points, points, 128):
         assert np.array_equal(matches, np.repeat(np.arange(0, 30, 3), 3))
     one = np.tile(np.float32([0.3, -0.2]), (20, 1))
@@ -77,7 +73,7 @@ def test_the_first_of_coincident_points_is_taken():
 
 def test_distances_of_which_rounding_leaves_less_than_nothing():
     """Points far from the origin, and far nearer to one another than their squares can tell."""
-    points = (np.float32(100.0) + 1e-4 * random_cloud(5, 50, 4)).astype(np.float32)
+    points = (np.float32(100.0) + 1e-4 * cloud(5, 50, 4)).astype(np.float32)
     for matches in both(points, points, 128):
         assert matches.min() >= 0
         assert matches.max() < 50
@@ -87,7 +83,7 @@ def test_distances_of_which_rounding_leaves_less_than_nothing():
 @pytest.mark.parametrize("k", [2, 10, 24])
 def test_the_closest_of_a_region_is_the_plain_one(k, scale):
     rng = np.random.default_rng(k)
-    points, ends = random_cloud(k, 80, k) * np.float32(scale), random_cloud(9, 40, k) * np.float32(scale)
+    points, ends = cloud(k, 80, k) * np.float32(scale), cloud(9, 40, k) * np.float32(scale)
     members = rng.permutation(80).astype(np.int32)
     for start, stop in ((0, 80), (0, 1), (79, 80), (10, 13), (20, 60)):
         for place, end in enumerate(ends):

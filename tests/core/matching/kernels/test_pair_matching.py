@@ -12,8 +12,8 @@ from core.matching.match_records import search_rounds
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import (
-    cloud,
     compared_pair,
+    degenerate,
     embedded,
     parameters_for,
     random_record,
@@ -94,21 +94,12 @@ def test_many_are_compared_in_one_order_as_their_steps_say(shapes):
         assert np.array_equal(scores, expected_scores)
 
 
-def degenerate():
-    rng = np.random.default_rng(1)
-    points = cloud(rng, 60, K)
-    repeated = np.repeat(points[:20], 3, axis=0)
-    flat = points.copy()
-    flat[:, 4:] = 0.0
-    line = np.zeros_like(points)
-    line[:, 0] = points[:, 0]
-    two = points[np.arange(60) % 2]
-    return {"points that coincide": repeated, "flat": flat, "a line": line, "two places": two}
+DEGENERATE = degenerate(60, K)
 
 
-@pytest.mark.parametrize("name", degenerate())
-def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(name):
-    odd = record_of(embedded([degenerate()[name]] * 2, 60))
+@pytest.mark.parametrize("points", DEGENERATE.values(), ids=DEGENERATE)
+def test_a_cloud_without_volume_has_scores_in_range_and_a_map_that_does_not_stretch(points):
+    odd = record_of(embedded([points] * 2, 60))
     other = random_record(2, 50, 80, K, 2)
     for x, y in ((odd, other), (other, odd), (odd, odd)):
         there, back, rotation, scores = match(x, y)
