@@ -29,9 +29,14 @@ def icosphere(subdivisions=3, radius=1.0):
     return mesh_of(trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius))
 
 
-def area(mesh):
+def areas(mesh):
+    """The area of each face."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def area(mesh):
+    return float(areas(mesh).sum())
 
 
 def volume(mesh):

@@ -253,18 +253,10 @@ def test_odd_meshes_are_embedded(kind, setting):
     assert pipeline.match(made, made).cc == pytest.approx(1.0, abs=1e-6)
 
 
-FLAT = {
-    "a line": Mesh([[0, 0, 0], [1, 1, 1], [3, 3, 3]], [[0, 1, 2]]),
-    "a point": Mesh([[1, 2, 3]] * 3, [[0, 1, 2]]),
-    "a corner twice": Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 2, 2]]),
-}
-
-
 @pytest.mark.parametrize("setting", SETTINGS)
-@pytest.mark.parametrize("kind", FLAT)
-def test_meshes_without_an_area_are_refused(kind, setting):
+def test_a_mesh_without_an_area_is_refused(setting):
     with pytest.raises(DegenerateMeshError):
-        Pipeline(SETTINGS[setting]).embed(FLAT[kind])
+        Pipeline(SETTINGS[setting]).embed(Mesh([[0, 0, 0], [1, 1, 1], [3, 3, 3]], [[0, 1, 2]]))
 
 
 def test_a_mesh_above_the_limit_is_simplified_and_one_below_is_not():

@@ -136,14 +136,6 @@ def test_a_bone_that_is_turned_right_round():
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(
-    "wrong", [lambda: make_body("unicorn"), lambda: make_body("cup", -1), lambda: make_body("cup").posed(-1)]
-)
-def test_unknown_classes_and_negative_numbers_are_refused(wrong):
-    with pytest.raises(ParameterError):
-        wrong()
-
-
 def test_a_class_that_never_comes_out_sound_is_an_error(monkeypatch):
     monkeypatch.setattr(bodies, "genus", lambda faces: 9)
     with pytest.raises(MeshError, match="pliers"):

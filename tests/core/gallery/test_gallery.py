@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import ConvexHull
 
 from core.errors import MeshError, ParameterError
-from core.gallery import CLASSES, collection, make_shape
+from core.gallery import CLASSES, bodies, collection, make_shape
 from core.gallery.solids import (
     Frame,
     box,
@@ -92,6 +92,9 @@ def test_another_seed_and_another_pose_give_another_shape(gallery):
         lambda: make_shape("unicorn", 0),
         lambda: make_shape("person", -1),
         lambda: make_shape("person", 0, seed=-1),
+        lambda: bodies.make_body("unicorn"),
+        lambda: bodies.make_body("cup", -1),
+        lambda: bodies.make_body("cup").posed(-1),
     ],
 )
 def test_unknown_classes_and_negative_numbers_are_refused(wrong):

@@ -94,16 +94,11 @@ def test_the_fast_pass_is_the_slow_one(kind):
     assert not np.array_equal(weighted, plain)
 
 
-def test_a_path_is_halved_and_halved_again():
+def test_a_path_is_halved_and_halved_again_and_a_heavy_vertex_is_taken_before_a_far_one():
     """Vertices 0 .. 8 at unit steps, from one end: the other end, the middle, the quarters."""
     steps = np.arange(8)
     graph = symmetric(np.stack([steps, steps + 1], axis=1), np.ones(8), 9)
     np.testing.assert_array_equal(farthest_points(graph, 9, 0), [0, 8, 4, 2, 6, 1, 3, 5, 7])
-
-
-def test_a_heavy_vertex_is_taken_before_a_far_one():
-    steps = np.arange(8)
-    graph = symmetric(np.stack([steps, steps + 1], axis=1), np.ones(8), 9)
     weights = np.ones(9)
     weights[3] = 4.0
     np.testing.assert_array_equal(farthest_points(graph, 3, 0, weights), [0, 3, 8])

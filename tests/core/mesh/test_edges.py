@@ -11,7 +11,7 @@ from tests.core.shapes import MANY_KINDS, icosphere, joined, rectangle
 
 
 @pytest.mark.parametrize("kind", MANY_KINDS)
-def test_half_edges_are_sorted_by_their_ends(kind):
+def test_half_edges_are_sorted_by_their_ends_and_boundary_edges_are_those_of_one_face(kind):
     faces = MANY_KINDS[kind]().faces
     sides = half_edges(faces)
     ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -23,26 +23,26 @@ def test_half_edges_are_sorted_by_their_ends(kind):
     np.testing.assert_array_equal(sides.face_counts, counts)
     for start, count in zip(sides.first, sides.face_counts, strict=True):
         assert (np.diff(sides.order[start : start + count]) > 0).all()
+    np.testing.assert_array_equal(boundary_edges(sides), edges[counts == 1])
+    directed = boundary_half_edges(faces, sides)
+    np.testing.assert_array_equal(np.sort(directed, axis=1), edges[counts == 1])
+    assert set(map(tuple, directed.tolist())) <= set(map(tuple, ends.tolist()))
 
 
-def scipys(count, faces):
+DRAWN = {
+    f"{count} triangles": np.random.default_rng(count).integers(0, 200, size=(count, 3))
+    for count in (3, 30, 90, 300)
+}
+
+
+@pytest.mark.parametrize("kind", [*MANY_KINDS, *DRAWN])
+def test_parts_are_scipys(kind):
+    faces = DRAWN[kind] if kind in DRAWN else MANY_KINDS[kind]().faces
+    count = int(faces.max()) + 1
     rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
     links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    return connected_components(links, directed=False)
-
-
-@pytest.mark.parametrize("kind", MANY_KINDS)
-def test_parts_are_scipys(kind):
-    mesh = MANY_KINDS[kind]()
-    found = component_labels(len(mesh.vertices), mesh.faces)
-    for ours, theirs in zip(found, scipys(len(mesh.vertices), mesh.faces), strict=True):
-        np.testing.assert_array_equal(ours, theirs)
-
-
-@pytest.mark.parametrize("triangles", [3, 30, 90, 300])
-def test_parts_of_triangles_drawn_at_random(triangles):
-    faces = np.random.default_rng(triangles).integers(0, 200, size=(triangles, 3))
-    for ours, theirs in zip(component_labels(200, faces), scipys(200, faces), strict=True):
+    found, expected = component_labels(count, faces), connected_components(links, directed=False)
+    for ours, theirs in zip(found, expected, strict=True):
         np.testing.assert_array_equal(ours, theirs)
 
 
@@ -74,20 +74,6 @@ OPEN = {
     "three holes": punctured(3, 400, 900),
     "sheet and holes": joined(punctured(7, 800), rectangle(2.0, 1.0, 5, 3)),
 }
-
-
-@pytest.mark.parametrize("kind", MANY_KINDS)
-def test_boundary_edges_are_those_of_one_face(kind):
-    faces = MANY_KINDS[kind]().faces
-    sides = half_edges(faces)
-    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, counts = np.unique(ends, axis=0, return_counts=True)
-    np.testing.assert_array_equal(boundary_edges(sides), edges[counts == 1])
-    directed = boundary_half_edges(faces, sides)
-    np.testing.assert_array_equal(np.sort(directed, axis=1), edges[counts == 1])
-    assert {tuple(edge) for edge in directed.tolist()} <= {
-        (a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)
-    }
 
 
 @pytest.mark.parametrize("kind", OPEN)

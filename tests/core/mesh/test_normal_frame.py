@@ -10,6 +10,8 @@ from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import _mean_power, bounding_box, normal_frame, second_moments
 from tests.core.shapes import (
     SAME_SHAPE,
+    area,
+    areas,
     blob,
     box,
     icosphere,
@@ -31,14 +33,11 @@ def normalised(mesh):
 
 def midpoint_second_moments(mesh):
     """Centre and second moments about it by the edge midpoints' rule, which is exact for both."""
-    corners = mesh.vertices[mesh.faces]
-    areas = 0.5 * np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
+    corners, shares = mesh.vertices[mesh.faces], areas(mesh) / area(mesh)
     middles = 0.5 * (corners + np.roll(corners, 1, axis=1))
-    centre = areas @ middles.mean(axis=1) / areas.sum()
+    centre = shares @ middles.mean(axis=1)
     middles = middles - centre
-    return centre, np.einsum("f,fci,fcj->ij", areas, middles, middles) / (3.0 * areas.sum())
+    return centre, np.einsum("f,fci,fcj->ij", shares, middles, middles) / 3.0
 
 
 def with_moments(mesh, *wanted):
@@ -52,10 +51,10 @@ def with_moments(mesh, *wanted):
 
 def test_a_box_has_the_moments_of_its_closed_form():
     a, b, c = 3.0, 2.0, 1.0
-    area = 2 * (a * b + b * c + c * a)
+    whole = 2 * (a * b + b * c + c * a)
     # Two faces at +- a/2; four across which x is spread evenly.
     squared = [
-        (2 * q * r * p**2 / 4 + (area - 2 * q * r) * p**2 / 12) / area
+        (2 * q * r * p**2 / 4 + (whole - 2 * q * r) * p**2 / 12) / whole
         for p, q, r in ((a, b, c), (b, c, a), (c, a, b))
     ]
     frame = normal_frame(shifted(box(a, b, c), (5, -6, 7)))
@@ -165,30 +164,29 @@ def test_a_lean_decides_the_sign_of_an_axis():
         np.testing.assert_allclose(frame.apply(np.array([[-2.0, 0, 0]]) @ turn.T)[0, 0], tail[0, 0])
 
 
-def plain_mean_power(values, areas, order):
+def plain_mean_power(values, weights, order):
     """By the polynomial's recurrence over arrays; values at the corners, shape (f, 3)."""
     terms = [np.ones_like(values[:, 0]), *(np.zeros_like(values[:, 0]) for _ in range(order))]
     for corner in values.T:
         for i in range(1, order + 1):
             terms[i] = terms[i] + corner * terms[i - 1]
-    return 2.0 / ((order + 1) * (order + 2)) * (areas @ terms[order]) / areas.sum()
+    return 2.0 / ((order + 1) * (order + 2)) * (weights @ terms[order]) / weights.sum()
 
 
 @pytest.mark.parametrize("order", range(1, 9))
 def test_compiled_powers_are_the_plain_ones(order):
     mesh = blob()
-    areas = face_areas(mesh.vertices, mesh.faces)
+    weights = face_areas(mesh.vertices, mesh.faces)
     plane = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
     for values in (plane, mesh.vertices[:, 2]):
-        wanted = plain_mean_power(values[mesh.faces], areas, order)
-        assert _mean_power(values, mesh.faces, areas, order) == pytest.approx(wanted, rel=1e-10, abs=1e-13)
+        wanted = plain_mean_power(values[mesh.faces], weights, order)
+        assert _mean_power(values, mesh.faces, weights, order) == pytest.approx(wanted, rel=1e-10, abs=1e-13)
 
 
 def test_compiled_second_moments_are_by_the_midpoints_rule():
     mesh = shifted(blob(), (0.3, -0.2, 0.5))
-    areas = face_areas(mesh.vertices, mesh.faces)
     centre, wanted = midpoint_second_moments(mesh)
-    found = second_moments(mesh.vertices - centre, mesh.faces, areas)
+    found = second_moments(mesh.vertices - centre, mesh.faces, face_areas(mesh.vertices, mesh.faces))
     np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
 
 
@@ -226,12 +224,7 @@ def test_a_shape_of_known_extents_has_them(mesh, extents, error):
 
 def test_a_body_without_ties_is_measured_along_its_eigenvectors():
     mesh = blob()
-    corners = mesh.vertices[mesh.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    middles = (corners + np.roll(corners, 1, axis=1)) / 2.0
-    weights = np.repeat(areas / areas.sum() / 3.0, 3)
-    points = middles.reshape(-1, 3)
-    axes = np.linalg.eigh(np.cov(points.T, aweights=weights, ddof=0))[1]
+    axes = np.linalg.eigh(midpoint_second_moments(mesh)[1])[1]
     wanted = sorted(np.ptp(mesh.vertices @ axes, axis=0), reverse=True)
     assert bounding_box(mesh) == pytest.approx(wanted, rel=1e-9)
 

@@ -9,6 +9,8 @@ from core.mesh.mesh import Mesh
 from core.mesh.ordering import independent_weights, tied_ranks
 from tests.core.shapes import (
     MANY_KINDS,
+    area,
+    areas,
     blob,
     box,
     faces_shuffled,
@@ -70,9 +72,7 @@ def test_rounding_to_single_precision_does_not_change_it(name):
 
 def test_without_symmetry_it_is_the_order_by_distance_from_the_centroid():
     mesh = clean(blob()).mesh
-    corners = mesh.vertices[mesh.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    centre = areas @ corners.mean(axis=1) / areas.sum()
+    centre = areas(mesh) @ mesh.vertices[mesh.faces].mean(axis=1) / area(mesh)
     distances = np.linalg.norm(mesh.vertices - centre, axis=1)
     assert (np.diff(distances) > -1e-4).all()
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from core.evaluation.perturbation import remove_discs
 from core.gallery import make_shape
 from core.mesh import preparation as module
-from core.mesh.cleaning import clean, face_areas
+from core.mesh.cleaning import clean
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from core.mesh.preparation import (
@@ -21,7 +20,7 @@ from core.mesh.preparation import (
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.sparse_embedding import prepared
-from tests.core.shapes import icosphere, joined, rectangle, turned
+from tests.core.shapes import area, icosphere, joined, rectangle, turned
 from tests.studies.perturbation import add_noise, make_soup
 
 
@@ -35,7 +34,7 @@ def open_edges(mesh: Mesh) -> int:
     return int((half_edges(mesh.faces).face_counts == 1).sum())
 
 
-BALL = icosphere(3)
+BALL, FINE = icosphere(3), icosphere(4)
 
 
 def test_a_closed_mesh_stays_the_same_object():
@@ -66,8 +65,7 @@ def test_the_faces_run_as_their_neighbours_do_and_leave_nothing_open():
 def test_only_rims_that_bound_little_are_closed(most, count):
     """Round ones would bound 0.07 and 0.27 of the surface; these zigzag, up to 1.3 times as long."""
     ring = without_caps(BALL, [-0.9, 0.5])
-    area = face_areas(ring.vertices, ring.faces).sum()
-    shares = [np.pi * (1.0 - height**2) / area for height in (0.9, 0.5)]
+    shares = [np.pi * (1.0 - height**2) / area(ring) for height in (0.9, 0.5)]
     assert np.allclose(shares, (0.07, 0.27), atol=0.01)
     assert len(fill_holes(ring, most).vertices) - len(ring.vertices) == count
 
@@ -118,24 +116,18 @@ def test_a_shape_with_holes_is_more_like_the_whole_one_once_they_are_closed():
     assert found[0] > found[1]
 
 
-@pytest.fixture(scope="module")
-def ball():
-    made = trimesh.creation.icosphere(subdivisions=4)
-    return Mesh(made.vertices, made.faces)
-
-
-def test_neighbours_are_those_that_share_an_edge_each_once(ball):
-    means = neighbour_means(half_edges(ball.faces).edges, ball.vertices)
-    around = [set() for _ in ball.vertices]
-    for face in ball.faces:
+def test_neighbours_are_those_that_share_an_edge_each_once():
+    means = neighbour_means(half_edges(FINE.faces).edges, FINE.vertices)
+    around = [set() for _ in FINE.vertices]
+    for face in FINE.faces:
         for i in range(3):
             around[face[i]] |= {face[i - 1], face[i - 2]}
     for row, expected in zip(means[:50], around[:50], strict=True):
-        np.testing.assert_allclose(row, ball.vertices[sorted(expected)].mean(axis=0), atol=1e-12)
+        np.testing.assert_allclose(row, FINE.vertices[sorted(expected)].mean(axis=0), atol=1e-12)
 
 
-def test_normals_of_a_ball_point_outwards(ball):
-    assert np.abs(vertex_normals(ball) - ball.vertices).max() < 0.02
+def test_normals_of_a_ball_point_outwards():
+    assert np.abs(vertex_normals(FINE) - FINE.vertices).max() < 0.02
 
 
 @pytest.mark.parametrize(("label", "pose"), [("hand", 0), ("cup", 1), ("octopus", 2), ("glasses", 3)])
@@ -147,24 +139,23 @@ def test_clean_shapes_are_not_rough_and_noisy_ones_are(label, pose):
     assert roughness(add_noise(mesh, 0.5 * edges.mean() / span, 1)) > 0.25
 
 
-def test_roughness_hangs_on_no_frame(ball):
-    noisy = add_noise(ball, 0.02, 3)
+def test_roughness_hangs_on_no_frame():
+    noisy = add_noise(FINE, 0.02, 3)
     rotation = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turned = Mesh(noisy.vertices @ rotation * 40.0 + 7.0, noisy.faces)
     assert roughness(turned) == pytest.approx(roughness(noisy), rel=1e-9)
 
 
-def test_smoothing_takes_the_noise_and_leaves_the_size(ball):
-    noisy = add_noise(ball, 0.01, 5)
+def test_smoothing_takes_the_noise_and_leaves_the_size():
+    noisy = add_noise(FINE, 0.01, 5)
     smooth = taubin_smoothing(noisy, 10)
 
     def off(mesh):
         return np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1.0).mean()
 
     assert off(smooth) < 0.4 * off(noisy)
-    whole = face_areas(ball.vertices, ball.faces).sum()
-    assert face_areas(noisy.vertices, noisy.faces).sum() > 1.2 * whole
-    assert face_areas(smooth.vertices, smooth.faces).sum() == pytest.approx(whole, rel=0.02)
+    assert area(noisy) > 1.2 * area(FINE)
+    assert area(smooth) == pytest.approx(area(FINE), rel=0.02)
     assert np.linalg.norm(smooth.vertices, axis=1).mean() == pytest.approx(1.0, abs=0.01)
 
 

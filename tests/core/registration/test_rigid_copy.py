@@ -1,5 +1,7 @@
 """Rigid copies, mirror images and variants, told by samples and by surfaces."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.shortlist import spectral_distances
-from core.registration.probed_surface import probed_surface
+from core.registration.probed_surface import ProbedSurface, probed_surface
 from core.registration.rigid_copy import (
     COPY_RADIUS,
     RigidCopy,
@@ -37,10 +39,7 @@ def a_copy(scale: float, *, mirrored: bool, rel: float) -> RigidCopy:
     return RigidCopy(pytest.approx(scale, rel=rel), mirrored=mirrored, residual=within, difference=None)
 
 
-def embedded(mesh: Mesh) -> Embedding:
-    return PIPELINE.embed(mesh)
-
-
+embedded = PIPELINE.embed
 FIRST = embedded(HAND)
 
 
@@ -57,11 +56,16 @@ def by_samples(second: Embedding) -> RigidCopy | None:
     return copy_by_samples(FIRST, second, spectral(FIRST, second))
 
 
-def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
+def probed(first: Mesh, second: Mesh) -> tuple[ProbedSurface, ProbedSurface, tuple[np.ndarray, np.ndarray]]:
+    """Return both surfaces and the points that match."""
     one, other = embedded(first), embedded(second)
     pairs = PIPELINE.match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
-    return copy_by_surfaces(probed_surface(first), probed_surface(second), ends)
+    return probed_surface(first), probed_surface(second), ends
+
+
+def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
+    return copy_by_surfaces(*probed(first, second))
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.5, 25.4, 1 / 3])
@@ -73,12 +77,9 @@ def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
         assert found == a_copy(expected, mirrored=False, rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    "copy",
-    [moved(subdivide(HAND, 0.4, 1), 2, scale=2.0), moved(simplified(HAND), 3, scale=2.0)],
-    ids=["split", "simplified"],
-)
-def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(copy: Mesh) -> None:
+@pytest.mark.parametrize("remeshed", [lambda: subdivide(HAND, 0.4, 1), lambda: simplified(HAND)])
+def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(remeshed: Callable[[], Mesh]) -> None:
+    copy = moved(remeshed(), 2, scale=2.0)
     second = embedded(copy)
     assert gate(second)
     assert by_samples(second) is None
@@ -134,47 +135,33 @@ def test_other_radii_or_eigenvalues_are_those_of_no_copy() -> None:
 
 def judged(first: Mesh, second: Mesh) -> RigidCopy | None:
     """By what remains of both in an STL; a search for copies alone finds the same, but no variant."""
-    first, second = (read_mesh(write_mesh(mesh, "stl"), "stl") for mesh in (first, second))
-    one, other = PIPELINE.embed(first), PIPELINE.embed(second)
-    pairs = PIPELINE.match(one, other).correspondence
-    ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
-    surfaces = probed_surface(first), probed_surface(second)
-    found = copy_by_surfaces(*surfaces, ends)
+    surfaces = probed(*(read_mesh(write_mesh(mesh, "stl"), "stl") for mesh in (first, second)))
+    found = copy_by_surfaces(*surfaces)
     is_copy = found is not None and found.difference is None
-    assert copy_by_surfaces(*surfaces, ends, variants=False) == (found if is_copy else None)
+    assert copy_by_surfaces(*surfaces, variants=False) == (found if is_copy else None)
     return found
 
 
-@pytest.mark.parametrize("family", ["plate", "bracket", "flange", "gear", "shaft", "housing"])
+CHANGES: dict[Family, Change] = {
+    **{"plate": "hole", "bracket": "moved", "flange": "larger"},
+    **{"gear": "fillet", "shaft": "longer", "housing": "larger"},
+}
+
+
+@pytest.mark.parametrize("family", CHANGES)
 def test_a_remeshed_copy_is_a_copy_and_its_scale_is_exact(family: Family) -> None:
     first, second = (part(family, Drawing(5, 0.05, phase)) for phase in (0.0, 0.37))
-    found = judged(first, moved(second, 1, scale=25.4))
-    assert found is not None
-    assert found.difference is None
-    assert not found.mirrored
-    assert found.scale == pytest.approx(25.4, rel=1e-4)
+    assert judged(first, moved(second, 1, scale=25.4)) == a_copy(25.4, mirrored=False, rel=1e-4)
 
 
 @pytest.mark.parametrize("family", ["bracket", "housing"])
 def test_a_part_with_two_hands_is_mirrored(family: Family) -> None:
     first, second = (part(family, Drawing(6, 0.05, phase)) for phase in (0.0, 0.37))
     found = judged(first, moved(second, 2, scale=1 / 3, mirrored=True))
-    assert found is not None
-    assert (found.mirrored, found.difference) == (True, None)
-    assert found.scale == pytest.approx(1 / 3, rel=1e-4)
+    assert found == a_copy(1 / 3, mirrored=True, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("family", "change"),
-    [
-        ("plate", "hole"),
-        ("bracket", "moved"),
-        ("flange", "larger"),
-        ("gear", "fillet"),
-        ("shaft", "longer"),
-        ("housing", "larger"),
-    ],
-)
+@pytest.mark.parametrize(("family", "change"), CHANGES.items())
 def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> None:
     first, second = part(family, Drawing(7, 0.1)), part(family, Drawing(7, 0.1, change=change))
     found = judged(first, moved(second, 3, scale=2.0))
