@@ -13,12 +13,6 @@ from core.errors import ParameterError
 METHOD_VERSION = 2
 """Raised whenever the same parameters would give other embeddings or other scores."""
 
-Selection = Literal["sort-and-cut", "random-draw", "covering"]
-Distances = Literal["tree", "graph", "geodesic"]
-Affinity = Literal["gaussian", "distance"]
-Operator = Literal["affinity", "laplace-beltrami"]
-Pairs = Literal["both-ways", "nearest"]
-
 Rounds = Annotated[int, Field(ge=1, le=1000)]
 Power = Annotated[float, Field(ge=0.0, le=4.0)]
 Stiffness = Annotated[float, Field(gt=0.0, lt=1e12)]
@@ -117,7 +111,7 @@ class SamplingParameters(Group):
     degree: int = Field(default=6, ge=1, le=12)
     epsilon: float = Field(default=0.01, gt=0.0, lt=1.0 / 7.0)
     normalise_weights: bool = True
-    selection: Selection = "covering"
+    selection: Literal["sort-and-cut", "random-draw", "covering"] = "covering"
     coverage_power: Power = 0.25
     seed: int = Field(default=0, ge=0, le=2**62)
     samples: int = Field(default=100, ge=0, le=10_000)
@@ -151,16 +145,16 @@ class SpectralParameters(Group):
         the paper.
     taper : bool
         Whether coordinates fade towards the first eigenvalue left out. See
-        `core.spectral.coordinates.spectral_coordinates`.
+        `core.spectral.spectral_embedding.spectral_coordinates`.
     affinity_values, laplacian_values : int
         The numbers of eigenvalues of each operator in the signature; at least one is above 0.
     """
 
-    distances: Distances = "geodesic"
+    distances: Literal["tree", "graph", "geodesic"] = "geodesic"
     unfold: bool = True
-    affinity: Affinity = "gaussian"
+    affinity: Literal["gaussian", "distance"] = "gaussian"
     width: float = Field(default=1.5, gt=0.0, lt=1e6)
-    operators: tuple[Operator, ...] = Field(
+    operators: tuple[Literal["affinity", "laplace-beltrami"], ...] = Field(
         default=("affinity", "laplace-beltrami"), min_length=1, strict=False
     )
     dimensions: int = Field(default=10, ge=2, le=50)
@@ -223,7 +217,7 @@ class MatchingParameters(Group):
     step_iterations: Rounds = 1
     stiffness: Stiffness = 100.0
     warp_stiffness: Stiffness = 0.1
-    pairs: Pairs = "both-ways"
+    pairs: Literal["both-ways", "nearest"] = "both-ways"
     align_samples: int = Field(default=64, le=10_000)
     kept_maps: Rounds = 2
     align_rounds: Rounds = 2
@@ -257,15 +251,7 @@ GROUPS = ("mesh", "sampling", "spectral", "matching", "ranking")
 class Parameters(BaseModel):
     """A frozen, hashable set of parameters in groups; every stored embedding carries its fingerprint.
 
-    Attributes
-    ----------
-    name : str
-        The name that people use; not part of the fingerprint.
-    mesh : MeshParameters
-    sampling : SamplingParameters
-    spectral : SpectralParameters
-    matching : MatchingParameters
-    ranking : RankingParameters
+    The name, which people use, is not part of the fingerprint.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -292,10 +278,8 @@ class Parameters(BaseModel):
         first = self.matching.first_dimensions
         most = self.spectral.dimensions
         if first > min(6, most) and (self.matching.sign_starts or first != most):
-            raise ValueError(
-                "first_dimensions must be at most 6 and at most dimensions, or equal to dimensions if "
-                "sign_starts is false"
-            )
+            least_of = "at most 6 and at most dimensions, or equal to dimensions if sign_starts is false"
+            raise ValueError(f"first_dimensions must be {least_of}")
         return self
 
     @classmethod

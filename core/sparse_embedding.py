@@ -28,15 +28,7 @@ def opened(cleaned: Cleaned, parameters: Parameters) -> Mesh:
 
 
 def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
-    """Compute the sparse spectral embedding of a mesh.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area, or too few vertices for the dimensions.
-    CannotBeEmbeddedError
-        The method fails on the mesh, for example by a division by zero.
-    """
+    """Compute the sparse spectral embedding of a mesh; errors are those of `core.pipeline.Pipeline.embed`."""
     with guarded():
         # Clean, close holes, simplify or refine, smooth; unit scale.
         surface, cleaned, frame, smoothed = prepared(mesh, parameters)

@@ -32,7 +32,7 @@ CHUNK = 2**18
 SWEEPS, TURNED = 30, 1e-9
 """Largest number of sweeps to the rectilinear frame, and the angle that none of the last sweep exceeds."""
 
-FLAT = 1e-12
+LEVEL = 1e-12
 """Differences of the integral below which all angles in a plane are equally good."""
 
 TIED = 0.005
@@ -156,7 +156,7 @@ def _turn(axes: Floats, i: int, j: int, moments: Floats) -> float:
     even = _integral(moments, first, first, first, first) + _integral(moments, second, second, second, second)
     even -= 6.0 * _integral(moments, first, first, second, second)
     odd = _integral(moments, first, first, first, second) - _integral(moments, second, second, second, first)
-    if np.hypot(even, 4.0 * odd) < FLAT:
+    if np.hypot(even, 4.0 * odd) < LEVEL:
         return 0.0
     angle = 0.25 * np.arctan2(4.0 * odd, even)
     axes[i] = np.cos(angle) * first + np.sin(angle) * second

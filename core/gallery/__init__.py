@@ -2,8 +2,4 @@
 
 from core.gallery.collection import CLASSES, make_shape
 
-__all__ = [
-    "CLASSES",
-    "bodies",
-    "make_shape",
-]
+__all__ = ["CLASSES", "bodies", "make_shape"]

@@ -15,9 +15,7 @@ def person(rng: Generator) -> list[Part]:
     lean, side, twist = u(-8, 35), u(-12, 12), u(-20, 20)
     # The spine is a chain that starts upwards: its frames have x up and z backwards.
     spine, neck_base = chain(
-        pelvis.move(z=0.02).rotate("y", -90),
-        [0.16, 0.2, 0.17],
-        [(lean / 3, side / 3)] * 3,
+        pelvis.move(z=0.02).rotate("y", -90), [0.16, 0.2, 0.17], [(lean / 3, side / 3)] * 3
     )
     chest = neck_base.rotate("x", twist)
     depth = chest.axes[:, 2]

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from core.arrays import Floats, Ints
 from core.gallery.marching_cubes import marching_cubes
 from core.gallery.solids import Field, Part
+from core.mesh.edges import component_labels
 from core.mesh.mesh import face_normals
 
 _FAR = 1e3
@@ -48,13 +48,6 @@ def smooth_minimum(first: Floats, second: Floats, blend: float) -> Floats:
         return least
     overlap = np.maximum(blend - np.abs(first - second), 0.0) / blend
     return least - 0.25 * blend * overlap**2
-
-
-def cell_size(parts: Sequence[Part]) -> float:
-    """Return the edge of a cell that resolves the thinnest field, within the limit on their number."""
-    low, high = _box([field for part in parts for field in part.fields])
-    thinnest = min(field.thickness for part in parts for field in part.fields)
-    return max(thinnest / _CELLS_ACROSS, float(np.cbrt(np.prod(high - low) / _MOST_CELLS)))
 
 
 def _box(fields: Sequence[Field]) -> tuple[Floats, Floats]:
@@ -133,7 +126,11 @@ def surface(parts: Sequence[Part], vertices: int) -> tuple[Floats, Ints]:
     Faces are counter-clockwise seen from outside. Rarely, the decimation leaves an edge with more than two
     faces.
     """
-    cell = cell_size(parts)
+    # Cells that resolve the thinnest field, within the limit on their number.
+    fields = [field for part in parts for field in part.fields]
+    low, high = _box(fields)
+    thinnest = min(field.thickness for field in fields)
+    cell = max(thinnest / _CELLS_ACROSS, float(np.cbrt(np.prod(high - low) / _MOST_CELLS)))
     grid = Grid.of(parts, cell)
     points, faces = grid.isosurface()
     if len(points) < _SURPLUS * vertices:
@@ -180,13 +177,7 @@ def genus(faces: Ints) -> int | None:
     arriving = np.empty_like(order)
     arriving[twins] = order
     following = arriving - arriving % 3 + (arriving + 1) % 3
-    if _components(np.arange(len(tails)), following) != len(used) or _components(tails, heads) != 1:
+    fans, _ = component_labels(len(tails), np.stack([np.arange(len(tails)), following], axis=1))
+    if fans != len(used) or component_labels(len(used), faces)[0] != 1:
         return None
     return (2 - len(used) + len(faces) // 2) // 2
-
-
-def _components(rows: Ints, columns: Ints) -> int:
-    """Return the number of connected components of a graph in which every node has an edge."""
-    size = int(rows.max()) + 1
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size, size))
-    return int(connected_components(graph, directed=False, return_labels=False))

@@ -28,15 +28,7 @@ def geodesics(graph: csr_array, samples: Ints, points: Ints) -> Floats:
     The graph is symmetric and connected, with positive lengths.
     """
     between = np.empty((len(points), len(samples)))
-    done = _search(
-        graph.indptr.astype(np.uint32),
-        graph.indices.astype(np.uint32),
-        graph.data,
-        WIDTH * float(graph.data.mean()),
-        samples,
-        points,
-        between,
-    )
+    done = _search(*_arrays(graph), samples, points, between)
     if done < len(samples):
         between[:, done:] = geodesics_reference(graph, samples[done:], points)
     return between
@@ -77,15 +69,7 @@ def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | 
     total = graph.shape[0]
     samples = np.empty(min(count, total), dtype=np.int64)
     weights = np.ones(total) if weights is None else np.ascontiguousarray(weights, dtype=np.float64)
-    complete = _select(
-        graph.indptr.astype(np.uint32),
-        graph.indices.astype(np.uint32),
-        graph.data,
-        WIDTH * float(graph.data.mean()),
-        weights,
-        first,
-        samples,
-    )
+    complete = _select(*_arrays(graph), weights, first, samples)
     return samples if complete else farthest_points_reference(graph, len(samples), first, weights)
 
 
@@ -101,6 +85,12 @@ def farthest_points_reference(
         score = distance * weights
         samples.append(int(np.argmax(score >= (1.0 - TIE) * score.max())))
     return np.array(samples, dtype=np.int64)
+
+
+def _arrays(graph: csr_array) -> tuple[NDArray[np.uint32], NDArray[np.uint32], Floats, float]:
+    """Return the row pointers, columns and lengths of a graph, and the width of a bucket."""
+    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
+    return indptr, indices, graph.data, WIDTH * float(graph.data.mean())
 
 
 @compiled

@@ -20,12 +20,8 @@ class Format:
 
     Attributes
     ----------
-    name : str
-        The name in requests and records, which is also the ending of written files.
-    title : str
-        The name in messages.
     endings : tuple of str
-        The endings of file names, in lower case.
+        The endings of file names, in lower case; the first one is that of written files.
     module : str
         The module with the functions `read`, `write` if the format is written, and `read_parts` if its files
         are split into parts, as the methods call them. It is imported on first use: the names of formats need
@@ -45,8 +41,6 @@ class Format:
         The package that the reader needs beyond those of every installation; empty if none.
     """
 
-    name: str
-    title: str
     endings: tuple[str, ...]
     module: str
     media_type: str = "application/octet-stream"
@@ -56,6 +50,16 @@ class Format:
     face_bytes: int = 0
     splits: bool = False
     package: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name in requests and records: the first ending."""
+        return self.endings[0]
+
+    @property
+    def title(self) -> str:
+        """The name in messages."""
+        return self.name.upper()
 
     @property
     def is_read(self) -> bool:
@@ -88,42 +92,15 @@ class Format:
 
 # STL repeats vertices in its faces. OFF and PLY have no registered media type.
 _TABLE = (
-    Format("stl", "STL", ("stl",), "core.io.stl", "model/stl", vertex_bytes=0, face_bytes=50),
-    Format("obj", "OBJ", ("obj",), "core.io.obj", "model/obj", y_up=True, vertex_bytes=80, face_bytes=30),
-    Format("ply", "PLY", ("ply",), "core.io.ply", vertex_bytes=12, face_bytes=13),
-    Format("off", "OFF", ("off",), "core.io.off", vertex_bytes=78, face_bytes=31),
+    Format(("stl",), "core.io.stl", "model/stl", vertex_bytes=0, face_bytes=50),
+    Format(("obj",), "core.io.obj", "model/obj", y_up=True, vertex_bytes=80, face_bytes=30),
+    Format(("ply",), "core.io.ply", vertex_bytes=12, face_bytes=13),
+    Format(("off",), "core.io.off", vertex_bytes=78, face_bytes=31),
+    Format(("glb",), "core.io.glb", "model/gltf-binary", b"glTF", y_up=True, vertex_bytes=12, face_bytes=12),
     Format(
-        "glb",
-        "GLB",
-        ("glb",),
-        "core.io.glb",
-        "model/gltf-binary",
-        magic=b"glTF",
-        y_up=True,
-        vertex_bytes=12,
-        face_bytes=12,
+        ("3mf",), "core.io.threemf", "model/3mf", b"PK\x03\x04", vertex_bytes=98, face_bytes=58, splits=True
     ),
-    Format(
-        "3mf",
-        "3MF",
-        ("3mf",),
-        "core.io.threemf",
-        "model/3mf",
-        magic=b"PK\x03\x04",
-        vertex_bytes=98,
-        face_bytes=58,
-        splits=True,
-    ),
-    Format(
-        "step",
-        "STEP",
-        ("step", "stp"),
-        "core.io.step",
-        "model/step",
-        magic=b"ISO-10303-21;",
-        splits=True,
-        package="cascadio",
-    ),
+    Format(("step", "stp"), "core.io.step", "model/step", b"ISO-10303-21;", splits=True, package="cascadio"),
 )
 
 FORMATS: dict[str, Format] = {format.name: format for format in _TABLE}

@@ -9,8 +9,8 @@ from core.arrays import Float32s, Floats
 from core.errors import ParameterError
 from core.numerics.compilation import compiled
 
-FLAT = 1e-12
-"""The least eigenvalue over the greatest, of the cross-products of points beside ones, that are flat."""
+LEAST_SPREAD = 1e-12
+"""The least eigenvalue over the greatest, of the cross-products of flat points beside ones."""
 
 
 def tps_kernel(first: Floats, second: Floats) -> Floats:
@@ -117,7 +117,7 @@ def _solved(points: Floats, first: int, stiffness: float, operators: Floats) -> 
         affine[:, c + 1] = points[:, c] / size
     affine[:, 0] /= math.sqrt(m)
     spread = np.linalg.eigvalsh(np.dot(affine.T, affine))
-    if not spread[0] > FLAT * spread[-1]:
+    if not spread[0] > LEAST_SPREAD * spread[-1]:
         return False
     columns = np.ascontiguousarray(points.T)
     squares = np.zeros((m, m))

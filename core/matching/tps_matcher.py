@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Int8s, Ints, Reals
 from core.embedding import Embedding, Match, Scores
-from core.matching.similarity import (
-    correlation,
-    effective_distance,
-    effective_pairs,
-    squared_difference,
-)
+from core.matching.similarity import correlation, effective_distance, effective_pairs, squared_difference
 from core.matching.thin_plate_spline import spline_operators
 from core.parameters import Parameters
 

@@ -29,19 +29,14 @@ def _distance(vertices: Floats, start: int, end: int) -> float:
     return float(np.sqrt(total))
 
 
-def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Return the faces after the subdivision of edges, conforming.
-
-    A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal.
-    `middle`, shape (f, 3), has the vertex at the midpoint of each face's edges 01, 12 and 20, and -1 where
-    the edge is not split.
-    """
-    return _split(faces, middle, vertices, TIE)
-
-
 @compiled_for_reading
-def _split(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
-    """Return faces in blocks: the uncut ones, then the pieces of those with 1, 2 and 3 midpoints."""
+def split_faces(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
+    """Return the faces after the subdivision of edges: the uncut ones, then those with 1, 2 and 3 midpoints.
+
+    A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal up
+    to the share `tie`. `middle`, shape (f, 3), has the vertex at the midpoint of each face's edges 01, 12 and
+    20, and -1 where the edge is not split.
+    """
     counts = np.zeros(4, dtype=np.int64)
     for f in range(len(faces)):
         counts[int(middle[f, 0] >= 0) + int(middle[f, 1] >= 0) + int(middle[f, 2] >= 0)] += 1
@@ -103,7 +98,7 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
         start, end = edges[long].T
         # A zero of either sign becomes +0.
         vertices = np.concatenate([vertices, 0.5 * (vertices[start] + vertices[end]) + 0.0])
-        faces = split_faces(faces, middle[of_face], vertices)
+        faces = split_faces(faces, middle[of_face], vertices, TIE)
     return mesh if faces is mesh.faces else Mesh(vertices, faces)
 
 

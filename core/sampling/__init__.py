@@ -3,8 +3,4 @@
 A mesh and its graph in; selected vertices or points out.
 """
 
-__all__ = [
-    "lewis_weights",
-    "sampling",
-    "surface_samples",
-]
+__all__ = ["lewis_weights", "sampling", "surface_samples"]

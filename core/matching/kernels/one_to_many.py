@@ -18,7 +18,7 @@ MATCH_RECORD, POINTS, COARSE_SAMPLES = 0, 1, 2
 """The form of the others: encoded match records, quantised points (`core.ranking.reranking`), or
 coarse samples (there too)."""
 
-FLAT = 1e-6
+NEW_DIRECTION = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
 
 EXPONENT, LARGE = 0x7F800000, 0x7C000000
@@ -61,7 +61,7 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
                         axis[i] -= along * axes[before, i]
             # It joins the projection, unless it is rounding.
             length = math.sqrt(np.dot(axis, axis))
-            if length > FLAT * size:
+            if length > NEW_DIRECTION * size:
                 scale = np.float32(1.0 / length)
                 for i in range(s):
                     axis[i] *= scale

@@ -5,7 +5,7 @@ import pytest
 
 from core.graph.edge_graph import edge_graph, symmetric
 from core.graph.geodesics import (
-    WIDTH,
+    _arrays,
     _search,
     _select,
     farthest_points,
@@ -36,17 +36,12 @@ def many_lengths():
     return symmetric(edges, lengths, 200)
 
 
-def search(graph, width, samples, points, found):
-    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
-    return _search(indptr, indices, graph.data, width, samples, points, found)
-
-
 @pytest.mark.parametrize("width", [1e-4, 1e-2, 1.0, 100.0])
 def test_the_width_of_a_bucket_changes_the_work_alone(width):
     graph = many_lengths()
     samples, points = np.array([0, 77, 199]), np.arange(200)
     found = np.full((200, 3), np.nan)
-    done = search(graph, width, samples, points, found)
+    done = _search(*_arrays(graph)[:3], width, samples, points, found)
     wanted = geodesics_reference(graph, samples, points)
     np.testing.assert_array_equal(found[:, :done], wanted[:, :done])
     assert np.isnan(found[:, done:]).all()
@@ -67,8 +62,7 @@ def test_a_search_that_goes_astray_is_left_to_scipy():
     graph = astray()
     samples, points = np.array([0, 201, 30]), np.arange(202)
     found = np.empty((202, 3))
-    width = WIDTH * float(graph.data.mean())
-    assert search(graph, width, samples, points, found) == 0
+    assert _search(*_arrays(graph), samples, points, found) == 0
     np.testing.assert_array_equal(
         geodesics(graph, samples, points), geodesics_reference(graph, samples, points)
     )
@@ -124,7 +118,5 @@ def test_rounding_does_not_choose_between_equals():
 
 def test_a_selection_that_goes_astray_is_left_to_scipy():
     graph = astray()
-    indptr, indices = graph.indptr.astype(np.uint32), graph.indices.astype(np.uint32)
-    width, samples = WIDTH * float(graph.data.mean()), np.empty(20, dtype=np.int64)
-    assert not _select(indptr, indices, graph.data, width, np.ones(202), 0, samples)
+    assert not _select(*_arrays(graph), np.ones(202), 0, np.empty(20, dtype=np.int64))
     np.testing.assert_array_equal(farthest_points(graph, 20, 0), farthest_points_reference(graph, 20, 0))

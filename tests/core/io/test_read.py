@@ -54,7 +54,7 @@ def read(data, limits):
 
 
 def test_a_format_is_added_by_its_module_and_a_row_of_the_table(monkeypatch):
-    toy = Format("toy", "TOY", ("toy", "toys"), __name__, magic=b"TOY")
+    toy = Format(("toy", "toys"), __name__, magic=b"TOY")
     monkeypatch.setitem(FORMATS, "toy", toy)
     mesh = read_mesh(b"TOY 0 0 0  1 0 0  0 2 0", format_of("triangle.TOYS"))
     assert area(mesh) == 1.0

@@ -13,7 +13,7 @@ from core.spectral.affinity import (
     oriented,
     sampled_eigenpairs,
 )
-from core.spectral.coordinates import affinity_signature, laplacian_signature, spectral_coordinates
+from core.spectral.spectral_embedding import affinity_signature, laplacian_signature, spectral_coordinates
 
 
 def distances(count=40, seed=0):
