@@ -1,11 +1,13 @@
 """The application: settings in, the ASGI application with all routers and middleware out."""
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from functools import partial
 from threading import Event
+from typing import Any
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
@@ -14,23 +16,22 @@ from threadpoolctl import threadpool_limits
 from core.parameters import Parameters
 from service.auth.gate import Gate, Hosts
 from service.auth.keys import KeyRing
-from service.collections.dependencies import PARAMETER
-from service.collections.dependencies import PROBLEMS as CHOOSING_PROBLEMS
+from service.collections.endpoints import PARAMETER
+from service.collections.endpoints import PROBLEMS as CHOOSING_PROBLEMS
 from service.collections.endpoints import router as collections_router
 from service.compute.compilation import is_compiled
-from service.compute.executor import Executor, start_executors
 from service.compute.pool import LocalPool
-from service.compute.request_queue import ActivityGate, RequestQueue
+from service.compute.request_queue import ActivityGate, Executor, RequestQueue, start_executors
 from service.container import Container
 from service.duplicates.endpoints import router as duplicates_router
 from service.duplicates.service import keep_judging
 from service.http.body_limits import BodyLimit, ClientQuotas
-from service.http.idempotency.keys import InFlight
+from service.http.idempotency import InFlight
 from service.http.middleware import AccessControl, RequestContext
 from service.http.openapi import DESCRIPTION, TAGS, describe
 from service.http.problems import handle_problems
 from service.index.cache import EmbeddingCache
-from service.index.surface_measurements import SurfaceMeasurements
+from service.index.signature_table import SurfaceMeasurements
 from service.jobs.endpoints import ADDRESS as JOBS_ADDRESS
 from service.jobs.endpoints import router as jobs_router
 from service.jobs.runner import Runner
@@ -41,7 +42,6 @@ from service.previews.endpoints import router as pictures_router
 from service.search.caches import CacheWarmer
 from service.search.compare import router as compare_router
 from service.search.endpoints import router as search_router
-from service.search.maps import router as map_router
 from service.settings import Settings, load_parameters, load_settings
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
@@ -61,7 +61,6 @@ ROUTERS = (
     search_router,
     compare_router,
     duplicates_router,
-    map_router,
     shapes_router,
     files_router,
     jobs_router,
@@ -147,6 +146,16 @@ def create_app(settings: Settings) -> FastAPI:
 def app_from_environment() -> FastAPI:
     """Return the application with the settings of the environment, for `uvicorn --factory`."""
     return create_app(load_settings())
+
+
+def openapi_document() -> dict[str, Any]:
+    """Return the OpenAPI document, which does not depend on settings or environment."""
+    return create_app(Settings.model_construct()).openapi()
+
+
+def openapi_text() -> str:
+    """Return the document as a file, always the same for the same service."""
+    return json.dumps(openapi_document(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
 
 
 def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metrics) -> Container:

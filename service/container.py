@@ -3,15 +3,17 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
+from typing import Annotated
+
+from fastapi import Depends, Request
 
 from core.descriptors.registry import ShapeDescriptors
 from service.auth.gate import Gate
-from service.compute.executor import Executor
 from service.compute.pool import LocalPool
-from service.compute.request_queue import ActivityGate, RequestQueue
-from service.http.idempotency.keys import InFlight
+from service.compute.request_queue import ActivityGate, Executor, RequestQueue
+from service.http.idempotency import InFlight
 from service.index.cache import EmbeddingCache
-from service.index.surface_measurements import SurfaceMeasurements
+from service.index.signature_table import SurfaceMeasurements
 from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
@@ -43,3 +45,12 @@ class Container:
     descriptors: EmbeddingCache[ShapeDescriptors]
     measurements: SurfaceMeasurements
     judging: set[tuple[int, bool]]
+
+
+def _container(request: Request) -> Container:
+    container = request.app.state.container
+    assert isinstance(container, Container)
+    return container
+
+
+Service = Annotated[Container, Depends(_container)]

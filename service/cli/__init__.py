@@ -10,6 +10,3 @@ def main() -> None:
     from service.cli.commands import command_line  # noqa: PLC0415
 
     command_line()()
-
-
-__all__ = ["options"]

@@ -14,8 +14,7 @@ from rich.progress import TaskID
 
 from core.parameters import Parameters
 from service.cli.service_address import database_named
-from service.compute.executor import start_executors
-from service.compute.request_queue import RequestQueue
+from service.compute.request_queue import RequestQueue, start_executors
 from service.console import fail, messages, output, progress, say
 from service.observability import logging
 from service.pipelines import repository

@@ -77,8 +77,7 @@ def _alone(database_url: str, url: str) -> AbstractContextManager[object]:
         Another service serves the archive.
     """
     # Here for the same reason.
-    from service.storage.archive_file import ServingLock  # noqa: PLC0415
-    from service.storage.sqlite import path_of  # noqa: PLC0415
+    from service.storage.sqlite import ServingLock, path_of  # noqa: PLC0415
 
     if not database_url.startswith("sqlite"):
         return nullcontext()
@@ -172,9 +171,9 @@ def openapi_command(
 ) -> None:
     """Write the OpenAPI document of the service."""
     # Here, so that `isoshape serve` binds its port before the service is imported.
-    from service import openapi_document  # noqa: PLC0415
+    from service.app import openapi_text  # noqa: PLC0415
 
-    text = openapi_document.text()
+    text = openapi_text()
     if output == Path("-"):
         typer.echo(text, nl=False)
     else:

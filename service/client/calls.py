@@ -23,7 +23,7 @@ from service.client.requests import (
     parsed,
     segment,
 )
-from service.collections.schemas import Collection, Collections
+from service.collection import Collection, Collections
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer

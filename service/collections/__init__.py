@@ -1,3 +1,3 @@
 """Collections: named sets of shapes, in one of which each call works."""
 
-__all__ = ["dependencies", "endpoints", "repository", "schemas"]
+__all__ = ["endpoints", "repository"]

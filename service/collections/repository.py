@@ -7,8 +7,7 @@ from sqlalchemy import Row, delete, func, insert, select
 
 from service.collection import DEFAULT_COLLECTION, CollectionNumber, CollectionRecord, is_name
 from service.errors import BadRequestFieldsError, CollectionNotEmptyError, CollectionNotFoundError, FieldFault
-from service.storage.database import ReadSession, WriteSession
-from service.storage.erasure import erase
+from service.storage.database import ReadSession, WriteSession, erase
 from service.storage.tables import NOT_DELETED, CollectionRow, JobRow, ShapeRow
 
 

@@ -1,3 +1,3 @@
 """Heavy work in worker processes: a task in, its result or a named error out."""
 
-__all__ = ["compilation", "executor", "pool", "reader_answers", "request_queue", "tasks", "worker_loop"]
+__all__ = ["compilation", "pool", "request_queue", "sandbox", "tasks", "worker_loop"]

@@ -1,10 +1,15 @@
-"""Heavy work for requests: awaited, bounded in number, with errors of the service."""
+"""Heavy work for requests: awaited, bounded in number, with errors of the service.
+
+Executors do the work: processes on this machine, or a Dask cluster.
+"""
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, TypeVarTuple
+from functools import partial
+from typing import Any, Protocol, TypeVar, TypeVarTuple
 
 from starlette.concurrency import run_in_threadpool
 
@@ -12,10 +17,21 @@ from core.embedding import Match, Scores
 from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, MeshTooComplexError
 from core.io import Limits
 from core.mesh.mesh import Mesh
+from core.parameters import Parameters
 from core.pipeline import Pipeline
-from service.compute.executor import Executor
-from service.compute.reader_answers import PartFile, ReadMesh, mesh_from_bytes, parts_from_bytes
-from service.compute.sandbox import read_file, read_part_files
+from service.compute import sandbox
+from service.compute.compilation import COMPILING_SECONDS, is_compiled, warm_once_compiled
+from service.compute.pool import LocalPool, WorkerCounts
+from service.compute.processes import START_SECONDS
+from service.compute.sandbox import (
+    PartFile,
+    ReadMesh,
+    largest_size,
+    mesh_from_bytes,
+    parts_from_bytes,
+    read_file,
+    read_part_files,
+)
 from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
 from service.errors import (
     BusyError,
@@ -27,6 +43,83 @@ from service.errors import (
     WorkerLostError,
 )
 from service.observability.logging import get_logger
+from service.settings import Settings
+
+log = get_logger("compute")
+
+
+class Executor(Protocol):
+    """Runs tasks in other processes, reports its state and can be stopped at once."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
+        """Call `fn(*args)` in a worker. Function, arguments and result must pickle."""
+
+    def ready(self) -> bool:
+        """Return whether a worker is available."""
+
+    def pids(self) -> list[int]:
+        """Return the process ids of the warm workers, each on its machine."""
+
+    def counts(self) -> WorkerCounts:
+        """Return the numbers of workers by their state, and of waiting tasks."""
+
+    def kill(self) -> None:
+        """Shut down at once, without waiting for running tasks."""
+
+
+def start_executors(
+    settings: Settings, parameters: Parameters, replaced: Callable[[str], object] = lambda cause: None
+) -> tuple[Executor, LocalPool]:
+    """Start workers, warmed up for these parameters, and readers of uploads.
+
+    Workers may be those of a cluster. Readers are always confined processes on this machine. `replaced` is
+    called as by `LocalPool`.
+    """
+    workers: Executor
+    if settings.scheduler:
+        # Imported here: a service without a cluster needs no Dask.
+        from service.compute.cluster import ClusterPool  # noqa: PLC0415
+
+        workers = ClusterPool(
+            settings.scheduler, parameters=parameters, seconds=settings.task_seconds, replaced=replaced
+        )
+    else:
+        workers = LocalPool(
+            settings.workers,
+            seconds=settings.task_seconds,
+            warm=partial(warm_once_compiled, parameters),
+            start_seconds=START_SECONDS if is_compiled(parameters) else COMPILING_SECONDS,
+            replaced=replaced,
+        )
+    readers = LocalPool(
+        settings.workers,
+        seconds=settings.task_seconds,
+        warm=partial(sandbox.enter, settings.read_memory_bytes),
+        replaced=replaced,
+        tasks_each=sandbox.FILES_EACH,
+        answer_bytes=largest_size(settings.limits),
+    )
+    readers.submit(sandbox.confinement).add_done_callback(_log_confinement)
+    return workers, readers
+
+
+def _log_confinement(answer: "Future[dict[str, bool]]") -> None:
+    """Log whether the system confines the readers."""
+    if answer.cancelled():
+        return
+    if answer.exception() is not None:
+        log.warning("it is unknown whether this system confines readers of uploads: %s", answer.exception())
+        return
+    missing = [name for name, holds in answer.result().items() if not holds]
+    if missing:
+        log.warning(
+            "this system does not confine readers of uploads by %s: a hostile file that takes over native "
+            "code may open files or connections",
+            " and ".join(missing),
+        )
+    else:
+        log.info("readers of uploads are confined by Landlock and seccomp")
+
 
 log = get_logger("compute")
 

@@ -4,10 +4,14 @@ Uploads are untrusted, and a hostile file may take over the code that reads it. 
 memory and time, opens no files and starts no processes, and is replaced often. On Linux the kernel enforces
 this on native code by Landlock and seccomp; on every system an audit hook enforces it on Python. A
 file that ends the reader costs one request.
+
+A reader answers by a mesh, or the parts of an assembly, as safetensors. It is not trusted, so each answer is
+checked as an upload is.
 """
 
 import codecs
 import errno
+import json
 import math
 import os
 import resource
@@ -16,16 +20,20 @@ import sysconfig
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from core.errors import MeshError
-from core.io import Limits, read_mesh, read_parts, writable, write_mesh
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from core.errors import CoreError, MalformedMeshError, MeshError
+from core.io import PATH_NAMES, Limits, clean_name, read_mesh, read_parts, writable, write_mesh
 from core.mesh.mesh import Mesh
-from service.compute.reader_answers import PartFile, ReadMesh, mesh_to_bytes, parts_to_bytes
 from service.compute.worker_loop import end_with_parent
 
 FILES_EACH = 100
@@ -80,7 +88,7 @@ landlock, seccomp = _imported("landlock"), _imported("pyseccomp")
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
     """Read a file within `seconds` of processor time; the system ends the process after that time.
 
-    Nothing that a reader returns is unpickled: `service.compute.reader_answers.mesh_from_bytes` reads it.
+    Nothing that a reader returns is unpickled: `mesh_from_bytes` reads it.
 
     Raises
     ------
@@ -95,10 +103,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
 
 
 def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
-    """Read the parts of an assembly and write each as a 3MF, in the way of `read_file`.
-
-    `service.compute.reader_answers.parts_from_bytes` reads the bytes.
-    """
+    """Read the parts of an assembly and write each as a 3MF, for `parts_from_bytes`, as `read_file` does."""
     _limit_time(seconds)
     with _converting(format):
         parts = read_parts(data, format, limits=limits)
@@ -232,3 +237,97 @@ def allow_calls(*, opening: bool) -> bool:
     except OSError:
         return False
     return True
+
+
+_ABOUT = "about"
+
+
+@dataclass(frozen=True)
+class ReadMesh:
+    """A mesh, and the wall time of reading it in milliseconds."""
+
+    mesh: Mesh
+    milliseconds: float
+
+
+def largest_size(limits: Limits) -> int:
+    """Return the most bytes of `mesh_to_bytes`: three numbers of 64 bits for each vertex and face, and names.
+
+    An STL file has three vertices for each face, which are counted once they are merged.
+    """
+    return 24 * (max(limits.vertices, 3 * limits.faces) + limits.faces) + 64 * 1024
+
+
+def mesh_to_bytes(read: ReadMesh) -> bytes:
+    """Return the bytes that `mesh_from_bytes` reads."""
+    arrays = {
+        "vertices": np.ascontiguousarray(read.mesh.vertices, dtype=np.float64),
+        "faces": np.ascontiguousarray(read.mesh.faces, dtype=np.int64),
+        "milliseconds": np.array([read.milliseconds]),
+    }
+    return bytes(save(arrays))
+
+
+def mesh_from_bytes(data: bytes) -> ReadMesh:
+    """Return the mesh that an untrusted process has read, checked as any mesh.
+
+    Raises
+    ------
+    MalformedMeshError
+        The bytes are not a mesh.
+    """
+    try:
+        arrays = load(data)
+        vertices, faces, milliseconds = (arrays[name] for name in ("vertices", "faces", "milliseconds"))
+        if vertices.dtype != np.float64 or faces.dtype != np.int64:
+            raise TypeError("arrays of another type")
+        return ReadMesh(Mesh(vertices, faces), float(milliseconds.item()))
+    except (SafetensorError, CoreError, KeyError, TypeError, ValueError) as error:
+        raise MalformedMeshError("a reader returned no mesh") from error
+
+
+@dataclass(frozen=True)
+class PartFile:
+    """A distinct part of an assembly, as a 3MF: see `core.io.Part`."""
+
+    name: str
+    path: tuple[str, ...]
+    instances: int
+    data: bytes
+
+
+def parts_to_bytes(parts: list[PartFile]) -> bytes:
+    """Return the bytes that `parts_from_bytes` reads."""
+    about = json.dumps([[part.name, part.path, part.instances] for part in parts]).encode()
+    arrays = {str(number): part.data for number, part in enumerate(parts)} | {_ABOUT: about}
+    return bytes(save({name: np.frombuffer(data, dtype=np.uint8) for name, data in arrays.items()}))
+
+
+def parts_from_bytes(data: bytes, most: int) -> list[PartFile]:
+    """Return at most `most` parts that an untrusted process has read; their files are read as any uploads.
+
+    Raises
+    ------
+    MalformedMeshError
+        The bytes are not parts.
+    """
+    try:
+        arrays = {name: array.tobytes() for name, array in load(data).items()}
+        parts = [
+            PartFile(name, tuple(path), instances, arrays[str(number)])
+            for number, (name, path, instances) in enumerate(json.loads(arrays[_ABOUT]))
+        ]
+        if len(parts) > most or not all(map(_is_sound, parts)):
+            raise ValueError("no parts of an assembly")
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise MalformedMeshError("a reader returned no parts") from error
+    return parts
+
+
+def _is_sound(part: PartFile) -> bool:
+    return (
+        all(type(text) is str and text == clean_name(text) for text in (part.name, *part.path))
+        and len(part.path) <= PATH_NAMES
+        and type(part.instances) is int
+        and part.instances >= 1
+    )

@@ -6,15 +6,15 @@ from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
 
 from core.registration.similarity import RESIDUAL
-from service.collections.dependencies import InCollection, NamedInAddress
-from service.dependencies import Service
+from service.collections.endpoints import InCollection, NamedInAddress
+from service.container import Service
 from service.duplicates import service
 from service.duplicates.groups import MIN_CC, Search
 from service.duplicates.schemas import DuplicatesAnswer
 from service.http.middleware import while_connected
 from service.http.problems import documented
 from service.http.request_bodies import once_each
-from service.observability.timings import Timings
+from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
 from service.shapes.listing import Filters

@@ -18,7 +18,7 @@ from service.duplicates import repository
 from service.duplicates.groups import Groups, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
 from service.index.repository import IndexEntries
-from service.index.surface_measurements import MeasuredShapes
+from service.index.signature_table import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
 from service.search import repository as search_repository

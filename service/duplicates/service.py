@@ -19,7 +19,7 @@ from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
 from service.index.repository import revision
 from service.observability.logging import get_logger
-from service.observability.timings import Timings
+from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline, Pipelines
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter

@@ -29,7 +29,7 @@ from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
-from service.index.density_samples import sampled
+from service.index.cache import sampled
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")

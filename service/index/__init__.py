@@ -1,9 +1,3 @@
 """Stored shapes in memory: database rows in, signatures and cached match records out."""
 
-__all__ = [
-    "cache",
-    "density_samples",
-    "repository",
-    "signature_table",
-    "surface_measurements",
-]
+__all__ = ["cache", "repository", "signature_table"]

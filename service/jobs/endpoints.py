@@ -1,30 +1,54 @@
-"""The addresses under /jobs."""
+"""The addresses under /jobs, of which one streams server-sent events (the `text/event-stream` of HTML)."""
 
+import asyncio
+import time
 from collections.abc import AsyncIterator, Callable
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from service.collections.dependencies import InCollection, address
-from service.errors import BusyError
+from service.collections.endpoints import InCollection, address
+from service.errors import BusyError, ServiceError
 from service.http.middleware import client_of
 from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
-from service.jobs import events
 from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
-from service.shapes.endpoints import PageOptions
+from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
 from service.shapes.fields import base_name
 from service.shapes.listing import read_cursor
-from service.shapes.uploads import FormMetadata, FormTags
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255
+
+MEDIA_TYPE = "text/event-stream"
+# The schema of an event in the OpenAPI document.
+EVENT: dict[str, Any] = {
+    "type": "object",
+    "required": ["id", "event", "data"],
+    "properties": {
+        "id": {"type": "string", "description": "What to send as Last-Event-ID."},
+        "event": {"type": "string", "enum": ["progress", "end"]},
+        "data": {
+            "type": "string",
+            "contentMediaType": "application/json",
+            "contentSchema": {"$ref": "#/components/schemas/Job"},
+        },
+    },
+}
+# The server sets this key of the ASGI scope to a function that tells whether the server is stopping.
+ENDING_IN_SCOPE = "isoshape.ending"
+# The most open streams. Each reads the database twice a second.
+FOLLOWERS = 100
+LOOK_SECONDS = 0.5
+# Proxies and networks close idle connections.
+SILENCE_SECONDS = 15.0
+RECONNECT_MILLISECONDS = 2000
 
 router = APIRouter(tags=["jobs"])
 
@@ -150,7 +174,7 @@ def list_job_files(
         200: {
             "description": "Server-sent events: `progress` at each step of the job, and `end` at its end, "
             "each with the job as JSON.",
-            "content": {events.MEDIA_TYPE: {"itemSchema": events.EVENT}},
+            "content": {MEDIA_TYPE: {"itemSchema": EVENT}},
         },
         204: {
             "description": "The client has the event `end` already, by its Last-Event-ID, and need not ask "
@@ -164,14 +188,14 @@ async def follow_job(job_id: JobId, request: Request, runner: InRunner, collecti
     read = partial(runner.jobs.read, collection.number, job_id)
     job = await run_in_threadpool(read)
     last = request.headers.get("Last-Event-ID")
-    if job.has_ended and last == events.name_of(job):
+    if job.has_ended and last == _event_id(job):
         return Response(status_code=204)
-    if len(runner.followers) >= events.FOLLOWERS:
-        raise BusyError(f"{events.FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
-    ending: Callable[[], bool] = request.scope.get(events.ENDING_IN_SCOPE, lambda: False)
+    if len(runner.followers) >= FOLLOWERS:
+        raise BusyError(f"{FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
+    ending: Callable[[], bool] = request.scope.get(ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        events.events(read, job, runner.followers, ending, last),
-        media_type=events.MEDIA_TYPE,
+        _events(read, job, runner.followers, ending, last),
+        media_type=MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
 
@@ -198,3 +222,41 @@ async def delete_job(job_id: JobId, runner: InRunner, collection: InCollection) 
     """Cancel the job, unless it has ended, and delete its record. Stored shapes stay."""
     await run_in_threadpool(runner.jobs.cancel, collection.number, job_id, forget=True)
     runner.look()
+
+
+def _event_id(job: Job) -> str:
+    """Return the id of an event, which a reconnecting client sends as Last-Event-ID."""
+    return f"{job.state}-{job.counts.files - job.counts.waiting}"
+
+
+async def _events(
+    read: Callable[[], Job], job: Job, followers: set[object], ending: Callable[[], bool], last: str | None
+) -> AsyncIterator[str]:
+    """Yield an event `progress` for each change of a job, and `end` when it has ended.
+
+    `read` returns the current state of the job. `last` is the id of the last event that the client received.
+    When `ending` returns true, the server is stopping and the stream ends; browsers then reconnect.
+    `followers` contains an object of the stream while it is open.
+    """
+    stream, last_sent = object(), time.monotonic()
+    followers.add(stream)
+    try:
+        yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
+        while True:
+            name = _event_id(job)
+            if job.has_ended or name != last:
+                last, last_sent = name, time.monotonic()
+                kind = "end" if job.has_ended else "progress"
+                yield f"id: {name}\nevent: {kind}\ndata: {job.model_dump_json()}\n\n"
+            if job.has_ended or ending():
+                return
+            if time.monotonic() - last_sent > SILENCE_SECONDS:
+                last_sent = time.monotonic()
+                yield ": \n\n"
+            await asyncio.sleep(LOOK_SECONDS)
+            job = await run_in_threadpool(read)
+    except ServiceError:
+        # The job was deleted, or the database fails; the next request of the client gets the error.
+        return
+    finally:
+        followers.discard(stream)

@@ -22,9 +22,8 @@ from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outc
 from service.jobs.zip_archive import MalformedArchiveError, MemberError, MemberFault, ZipArchive
 from service.settings import Settings
 from service.shapes.listing import write_cursor
-from service.storage.archive_file import put_in_place
 from service.storage.database import Database, ReadSession
-from service.storage.sqlite import path_of
+from service.storage.sqlite import path_of, put_in_place
 from service.storage.tables import JobFileRow, JobRow
 
 # The number of files by which the speed of a job is measured.

@@ -1,3 +1,3 @@
 """Observability: events in; log lines, metrics and timings out."""
 
-__all__ = ["logging", "metrics", "timings"]
+__all__ = ["logging", "metrics"]

@@ -7,13 +7,12 @@ from core.arrays import Float32s
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.errors import REEMBED
-from service.index.cache import POINTS_BYTES, EmbeddingCache
-from service.index.density_samples import COLLECTIONS, CollectionSample
+from service.index.cache import COLLECTIONS, POINTS_BYTES, CollectionSample, EmbeddingCache
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
 from service.storage.database import Database, ReadSession, WriteSession
-from service.storage.hnsw import ensure_hnsw
+from service.storage.postgresql import ensure_hnsw
 
 log = get_logger("pipelines")
 

@@ -6,24 +6,21 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 
 from core.io import format_of
 from service.collection import DEFAULT_COLLECTION, CollectionNumber
-from service.collections.dependencies import InCollection
-from service.container import Container
-from service.dependencies import Service
+from service.collections.endpoints import InCollection
+from service.container import Container, Service
 from service.errors import StorageFullError, StorageUnavailableError
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.observability.logging import get_logger
 from service.rendering import tasks
-from service.rendering.glb import MEDIA_TYPE
-from service.rendering.tasks import FACES
+from service.rendering.tasks import FACES, MEDIA_TYPE
 from service.rendering.thumbnail import DRAWING, draw
 from service.shapes import file_repository
-from service.shapes import file_service as files
 from service.shapes import service as shapes_service
-from service.shapes.endpoints import ShapeId
+from service.shapes.endpoints import MeshUpload, ShapeId
+from service.shapes.file_endpoints import is_known
 from service.shapes.records import ShapeRecord
-from service.shapes.uploads import MeshUpload
 from service.web.endpoints import page, viewing_page
 
 router = APIRouter(tags=["shapes"])
@@ -68,7 +65,7 @@ async def read_thumbnail(
     """Return a picture of the shape, which is drawn once a size. z points up, in OBJ and GLB files y."""
     shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
-    if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
+    if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     data = await while_connected(request, _thumbnail(container, collection.number, shape, int(size)))
     return Response(data, media_type="image/png", headers=headers)
@@ -90,7 +87,7 @@ async def read_preview(
     """
     shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
-    if files.is_known(request.headers.get("If-None-Match"), headers["ETag"]):
+    if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     with container.queue.admitted():
         data = await container.database.reading(file_repository.file_of, collection.number, shape_id)

@@ -1,3 +1,3 @@
 """Rendering: meshes in; thumbnails and GLB files out."""
 
-__all__ = ["colours", "glb", "tasks", "thumbnail"]
+__all__ = ["colours", "tasks", "thumbnail"]

@@ -7,7 +7,6 @@ __all__ = [
     "compare_schemas",
     "endpoints",
     "likeness",
-    "maps",
     "records",
     "repository",
     "schemas",

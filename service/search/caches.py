@@ -24,8 +24,7 @@ from service.collection import CollectionNumber
 from service.compute.tasks import example_records, warm_comparing
 from service.container import Container
 from service.errors import ServiceError
-from service.index.cache import ABOUT, POINTS_BYTES, EmbeddingCache
-from service.index.density_samples import CollectionSample
+from service.index.cache import ABOUT, POINTS_BYTES, CollectionSample, EmbeddingCache
 from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline

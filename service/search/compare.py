@@ -17,21 +17,19 @@ from core.mesh.mesh import Mesh
 from core.ranking.class_probability import combined_scores
 from core.ranking.shortlist import spectral_distances
 from service.collection import CollectionNumber
-from service.collections.dependencies import InCollection, NamedInAddress
+from service.collections.endpoints import InCollection, NamedInAddress
 from service.compute import tasks
-from service.container import Container
-from service.dependencies import Service
+from service.container import Container, Service
 from service.errors import BadRequestFieldsError, FieldFault
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
-from service.index.density_samples import CollectionSample
-from service.observability.timings import Timings
+from service.index.cache import CollectionSample
+from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.rendering import tasks as rendering
 from service.rendering.colours import Paint
-from service.rendering.glb import MEDIA_TYPE
-from service.rendering.tasks import FACES, ComparedMesh, PaintedMesh
+from service.rendering.tasks import FACES, MEDIA_TYPE, ComparedMesh, PaintedMesh
 from service.search.answer import with_active_pipeline
 from service.search.caches import collection_sample
 from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields
@@ -41,8 +39,8 @@ from service.search.records import ReadMesh, Surface, once
 from service.search.schemas import LocalDifference, pairs
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
+from service.shapes.endpoints import ENDINGS_IN_WORDS
 from service.shapes.fields import base_name
-from service.shapes.uploads import ENDINGS_IN_WORDS
 from service.storage.database import ReadSession
 from service.web.endpoints import viewing_page
 

@@ -1,23 +1,31 @@
-"""The addresses /query and /shapes/{shape_id}/similar."""
+"""The addresses /query, /shapes/{shape_id}/similar and /map."""
 
 from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
 from pydantic import ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
 
 from core.io import format_of
-from service.collections.dependencies import InCollection, NamedInAddress
-from service.dependencies import Service
+from service.collections.endpoints import InCollection, NamedInAddress
+from service.container import Service
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
-from service.observability.timings import Timings
-from service.search.answer import query_of_file, query_of_shape, search, with_active_pipeline
-from service.search.schemas import QueryAnswer, SearchOptions
-from service.shapes.endpoints import ShapeId
+from service.observability.metrics import Timings
+from service.pipelines.active import ActivePipeline
+from service.search.answer import (
+    query_of_file,
+    query_of_shape,
+    search,
+    similarity_map_of,
+    with_active_pipeline,
+)
+from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.shapes.endpoints import MeshUpload, ShapeId
+from service.shapes.listing import Filters
 from service.shapes.schemas import SHAPE
-from service.shapes.uploads import MeshUpload
 
 router = APIRouter(tags=["search"])
 
@@ -107,3 +115,38 @@ async def similar(
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("query", timings.milliseconds)
     return answer
+
+
+class MapOptions(NamedInAddress, Filters):
+    """The shapes of a map."""
+
+
+@router.get(
+    "/map",
+    summary="Lay shapes out by similarity",
+    dependencies=[once_each(MapOptions)],
+    responses=documented(
+        "bad-request-fields",
+        "busy",
+        "shutting-down",
+        "pipeline-unavailable",
+        "storage-unavailable",
+    ),
+)
+async def read_map(
+    options: Annotated[MapOptions, Query()], request: Request, container: Service, collection: InCollection
+) -> MapAnswer:
+    """Return positions of the stored shapes on a plane: the principal components of their signatures.
+
+    Similar shapes are near each other; shapes that are near each other may differ. Equal shapes give equal
+    maps.
+    """
+    shape_filter = options.filtered(collection.number)
+
+    async def lay_out(active_pipeline: ActivePipeline) -> MapAnswer:
+        return await run_in_threadpool(
+            similarity_map_of, container, shape_filter, active_pipeline.fingerprint
+        )
+
+    with container.queue.admitted():
+        return await while_connected(request, with_active_pipeline(container, lay_out))

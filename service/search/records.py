@@ -16,7 +16,7 @@ from core.ranking.likeness import Likeness
 from core.ranking.local_density import LocalDensities
 from core.registration.rigid_copy import Difference
 from core.serialization import embedding_from_bytes
-from service.index.density_samples import CollectionSample
+from service.index.cache import CollectionSample
 from service.index.repository import IndexEntries
 from service.pipelines.active import ActivePipeline
 from service.shapes.records import ShapeRecord

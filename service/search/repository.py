@@ -1,6 +1,6 @@
 """The SQL of search: records and points by embedding, and nearest signatures in PostgreSQL with pgvector.
 
-PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.storage.hnsw`).
+PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.storage.postgresql`).
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from sqlalchemy import (
 
 from core.arrays import Float32s, Ints
 from service.collection import CollectionNumber
-from service.index.density_samples import FIRST, PRIME, SAMPLE, SECOND
+from service.index.cache import FIRST, PRIME, SAMPLE, SECOND
 from service.index.repository import ENTRIES, OF_SHAPE, IndexEntries, entries_of, stacked
 from service.observability.logging import get_logger
 from service.shapes.records import ShapeFilter
@@ -31,7 +31,7 @@ from service.shapes.repository import matching
 from service.storage.checksums import is_whole
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
-from service.storage.hnsw import has_view_signature
+from service.storage.postgresql import has_view_signature
 from service.storage.tables import (
     NOT_DELETED,
     BlobRow,
@@ -82,7 +82,7 @@ def _whole(session: ReadSession, query: Select[int, bytes, str], kind: str) -> d
 def sampled_embeddings(session: ReadSession, fingerprint: str, collection: CollectionNumber) -> list[int]:
     """Return the embeddings, by one pipeline, of the shapes of a collection's sample, ascending by shape.
 
-    The same as those of `service.index.density_samples.sampled`.
+    The same as those of `service.index.cache.sampled`.
     """
     short = ShapeRow.number % PRIME
     query = (

@@ -31,7 +31,7 @@ from service.compute.request_queue import short_of_memory
 from service.compute.tasks import part_of_mesh
 from service.container import Container
 from service.observability.logging import get_logger
-from service.observability.timings import Timings
+from service.observability.metrics import Timings
 from service.search.caches import CandidateReader
 from service.search.records import Candidates, MatchedCandidates, Query
 from service.search.shortlist import coarse_log_odds

@@ -13,7 +13,7 @@ from core.descriptors.views import signature_distance
 from core.ranking.shortlist import least, signature_distances
 from service.collection import CollectionNumber
 from service.container import Container
-from service.index.density_samples import sampled
+from service.index.cache import sampled
 from service.index.repository import IndexEntries, count_shapes
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
@@ -23,7 +23,7 @@ from service.search.records import Query
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
-from service.storage.hnsw import EF_SEARCH
+from service.storage.postgresql import EF_SEARCH
 
 log = get_logger("search")
 

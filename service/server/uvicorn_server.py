@@ -15,7 +15,7 @@ import uvicorn
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.client import Client
-from service.jobs.events import ENDING_IN_SCOPE
+from service.jobs.endpoints import ENDING_IN_SCOPE
 from service.server.process import LOOPBACK, SHUTDOWN_SECONDS, StartError, bind, wait_until_ready
 
 KEEP_ALIVE_SECONDS = 75

@@ -5,12 +5,10 @@ __all__ = [
     "fields",
     "file_endpoints",
     "file_repository",
-    "file_service",
     "listing",
     "records",
     "reembedding",
     "repository",
     "schemas",
     "service",
-    "uploads",
 ]

@@ -1,24 +1,31 @@
-"""The endpoints of a shape's file and embedding."""
+"""The endpoints of a shape's file and embedding: read, export and replace them."""
 
+import io
 from typing import TYPE_CHECKING, Annotated, Any, Literal
+from urllib.parse import quote
 
+import numpy as np
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 
-from core.io import FORMATS, format_of, writable
+from core.embedding import Embedding
+from core.errors import MeshTooComplexError
+from core.io import FORMATS, format_of, writable, write_mesh
+from core.mesh.mesh import Mesh
 from core.serialization import embedding_from_bytes
-from service.collections.dependencies import InCollection
-from service.dependencies import Service
+from service.collection import CollectionNumber
+from service.collections.endpoints import InCollection
+from service.container import Container, Service
+from service.errors import FileChangedError, NameTakenError
 from service.http.middleware import while_connected
 from service.http.problems import EXPORT_PROBLEMS, FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
 from service.pipelines.active import fingerprint
-from service.shapes import file_repository, service
-from service.shapes import file_service as files
-from service.shapes.endpoints import ShapeId
+from service.shapes import file_repository, repository, service
+from service.shapes.endpoints import Replacement, ShapeId
 from service.shapes.records import NewFile, ShapeRecord
-from service.shapes.schemas import EmbeddingArrays, Shape
-from service.shapes.uploads import Replacement
-from service.storage.database import ReadSession
+from service.shapes.schemas import ARRAYS, EmbeddingArrays, Shape
+from service.shapes.service import Put, get, store_files
+from service.storage.database import ReadSession, WriteSession
 
 if TYPE_CHECKING:
     WrittenFormat = str
@@ -80,23 +87,23 @@ async def read_file(
     def read(session: ReadSession) -> tuple[ShapeRecord, str, str, bytes | None]:
         shape = service.get(session, collection.number, shape_id)
         kind = shape.format if format is None else str(format)
-        tag = files.entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
-        wanted = request.method != "HEAD" and kind == shape.format and not files.is_known(known, tag)
+        tag = entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
+        wanted = request.method != "HEAD" and kind == shape.format and not is_known(known, tag)
         data = file_repository.file_of(session, collection.number, shape_id) if wanted else None
         return shape, kind, tag, data
 
     shape, kind, tag, data = await container.database.reading(read)
-    if files.is_known(known, tag):
+    if is_known(known, tag):
         return Response(status_code=304, headers={"ETag": tag})
     size = shape.bytes
     if kind != shape.format:
         with container.queue.admitted():
-            data = await while_connected(request, files.exported(container, collection.number, shape, kind))
+            data = await while_connected(request, exported(container, collection.number, shape, kind))
         size = len(data)
     headers = {
         "Content-Length": str(size),
         "ETag": tag,
-        "Content-Disposition": files.disposition(shape.name, kind),
+        "Content-Disposition": disposition(shape.name, kind),
         "X-Content-Type-Options": "nosniff",
     }
     body = b"" if request.method == "HEAD" else data
@@ -127,9 +134,9 @@ async def replace_file(
     mesh_format = format_of(upload.file.filename or "")
     with container.queue.admitted():
         file = NewFile(await upload.file.read(), mesh_format)
-        work = files.replace_file(container, collection.number, shape_id, file, if_match)
+        work = store_replacement(container, collection.number, shape_id, file, if_match)
         record = await while_connected(request, work)
-    response.headers["ETag"] = files.entity_tag(record.sha256)
+    response.headers["ETag"] = entity_tag(record.sha256)
     return Shape.of(record)
 
 
@@ -167,4 +174,106 @@ def read_embedding(
     if format == "json":
         return EmbeddingArrays.of(embedding)
     headers = {"Content-Disposition": f'attachment; filename="{embedding.fingerprint}.npz"'}
-    return Response(files.as_npz(embedding), media_type="application/zip", headers=headers)
+    return Response(as_npz(embedding), media_type="application/zip", headers=headers)
+
+
+async def exported(
+    container: Container, collection: CollectionNumber, shape: ShapeRecord, format: str
+) -> bytes:
+    """Return the mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
+
+    Raises
+    ------
+    MeshTooComplexError
+        The file could exceed the limit of an upload.
+    NonFiniteCoordinatesError
+        A coordinate is too large for the 32 bits of the format.
+    """
+    data = await container.database.reading(file_repository.file_of, collection, shape.id)
+    mesh = await container.queue.read(data, shape.format)
+    check_size(mesh, format, container.settings.max_upload_bytes)
+    return await container.queue.do(write_mesh, mesh, format)
+
+
+def check_size(mesh: Mesh, format: str, limit: int) -> None:
+    """Raise MeshTooComplexError if the file of a mesh could exceed the limit."""
+    written = FORMATS[format]
+    size = len(mesh.vertices) * written.vertex_bytes + len(mesh.faces) * written.face_bytes
+    if size > limit:
+        raise MeshTooComplexError(
+            f"the mesh may take {size} bytes as {written.title}; at most {limit} bytes are written"
+        )
+
+
+async def store_replacement(
+    container: Container, collection: CollectionNumber, shape_id: str, file: NewFile, if_match: str | None
+) -> ShapeRecord:
+    """Replace the file of a shape; its id, name, tags and metadata stay.
+
+    Stages: check the shape and If-Match; embed the file in a worker if needed; replace bytes, embedding and
+    shape in one transaction. Every query sees either file, and the shape always has an embedding.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    FileChangedError
+        If-Match names another file.
+    NameTakenError
+        Another shape of the collection has the same name and the new file.
+    """
+
+    def matching(session: ReadSession) -> ShapeRecord:
+        record = get(session, collection, shape_id)
+        tag = entity_tag(record.sha256)
+        if if_match is not None and not is_known(if_match, tag):
+            raise FileChangedError(f"the ETag of the file is now {tag}")
+        return record
+
+    def replace(session: WriteSession, put: Put) -> ShapeRecord:
+        record = matching(session)
+        if (record.sha256, record.format) != file.key:
+            stored = put(file)
+            if repository.same(session, collection, file, record.name) is not None:
+                raise NameTakenError(f"another shape has this file and the name {record.name!r}")
+            repository.replace_file(session, record, file.format, stored)
+        return get(session, collection, shape_id)
+
+    await container.database.reading(matching)
+    return (await store_files(container, [file], replace))[0]
+
+
+def as_npz(embedding: Embedding) -> bytes:
+    """Return an embedding as a NumPy archive; names of spectral arrays begin with the spectrum's name."""
+    arrays: dict[str, Any] = {name: getattr(embedding, name) for name in ARRAYS}
+    for spectrum in embedding.spectra:
+        arrays[f"{spectrum.name}_eigenvalues"] = spectrum.eigenvalues
+        arrays[f"{spectrum.name}_coordinates"] = spectrum.coordinates
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def disposition(name: str, format: str) -> str:
+    """Return a Content-Disposition that saves the file under the shape's name (RFC 6266).
+
+    Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
+    where unsafe bytes are percent-encoded.
+    """
+    if name.lower().rpartition(".")[2] not in FORMATS[format].endings:
+        name = f"{name}.{format}"
+    harmless = "".join(c if c.isascii() and (c.isalnum() or c in " .-_()") else "_" for c in name)
+    return f"attachment; filename=\"{harmless}\"; filename*=UTF-8''{quote(name, safe='')}"
+
+
+def entity_tag(sha256: str) -> str:
+    """Return the ETag of bytes with a SHA-256."""
+    return f'"{sha256}"'
+
+
+def is_known(if_none_match: str | None, tag: str) -> bool:
+    """Return whether an If-None-Match header contains the tag, or is `*`."""
+    if if_none_match is None:
+        return False
+    given = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
+    return "*" in given or tag in given

@@ -11,7 +11,7 @@ from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLength
 from service.shapes.records import StoredEmbedding
 from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
-from service.storage.hnsw import ensure_hnsw
+from service.storage.postgresql import ensure_hnsw
 from service.storage.tables import (
     NOT_DELETED,
     BlobRow,

@@ -1,4 +1,4 @@
-"""The SQL of shapes."""
+"""The SQL of shapes, and of the answers to uploads with an Idempotency-Key."""
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
@@ -8,6 +8,8 @@ from typing import Any
 from sqlalchemy import ColumnElement, Select, case, delete, func, literal, or_, select, tuple_, update
 
 from service.collection import CollectionNumber
+from service.errors import IdempotencyKeyReusedError
+from service.http.idempotency import Claim, Kept
 from service.shapes.fields import plain_values
 from service.shapes.file_repository import is_its_embedding
 from service.shapes.records import (
@@ -21,8 +23,7 @@ from service.shapes.records import (
 )
 from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, shape_checksum
 from service.storage.columns import UtcDateTime
-from service.storage.database import ReadSession, WriteSession, next_revision
-from service.storage.erasure import drop_unused, erase
+from service.storage.database import ReadSession, WriteSession, drop_unused, erase, next_revision
 from service.storage.tables import (
     NOT_DELETED,
     ArchiveRow,
@@ -30,6 +31,7 @@ from service.storage.tables import (
     CollectionRow,
     DuplicatePairRow,
     EmbeddingRow,
+    IdempotencyKeyRow,
     JudgedShapeRow,
     MetadataRow,
     RemovalRow,
@@ -350,3 +352,38 @@ def _forget(session: WriteSession, number: int) -> None:
     unknown = JudgedShapeRow.shape_number
     session.execute(delete(JudgedShapeRow).where(or_(unknown == number, unknown.in_(copies))))
     session.execute(delete(DuplicatePairRow).where(or_(first == number, second == number)))
+
+
+def kept_answer(session: ReadSession, claim: Claim, now: datetime) -> Kept | None:
+    """Return the answer to the first request with the key; None if there is none, or it has expired.
+
+    Raises
+    ------
+    IdempotencyKeyReusedError
+        That request had another payload.
+    """
+    row = session.get(IdempotencyKeyRow, (claim.collection, claim.scope, claim.key))
+    if row is None or row.expires_at <= now:
+        return None
+    if row.payload != claim.payload:
+        raise IdempotencyKeyReusedError(
+            "the Idempotency-Key has come with another file or other fields before"
+        )
+    return Kept(row.status, row.location, row.body)
+
+
+def keep_answer(session: WriteSession, claim: Claim, kept: Kept, now: datetime) -> None:
+    """Keep the answer to a request, and drop those that have expired."""
+    session.execute(delete(IdempotencyKeyRow).where(IdempotencyKeyRow.expires_at <= now))
+    session.add(
+        IdempotencyKeyRow(
+            collection_number=claim.collection,
+            scope=claim.scope,
+            key=claim.key,
+            payload=claim.payload,
+            status=kept.status,
+            location=kept.location,
+            body=kept.body,
+            expires_at=claim.expires_at,
+        )
+    )

@@ -15,8 +15,8 @@ from core.errors import MeshError
 from core.pipeline import Pipeline
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
-from service.compute.reader_answers import PartFile
 from service.compute.request_queue import together
+from service.compute.sandbox import PartFile
 from service.compute.tasks import Embedded
 from service.container import Container
 from service.errors import (
@@ -27,10 +27,9 @@ from service.errors import (
     ServiceError,
     ShapeNotFoundError,
 )
-from service.http.idempotency import repository as idempotency
-from service.http.idempotency.keys import Claim, Kept
+from service.http.idempotency import Claim, Kept
 from service.observability.logging import get_logger
-from service.observability.timings import Timings
+from service.observability.metrics import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
 from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
@@ -106,7 +105,7 @@ async def ingest(
 
     def look_up(session: ReadSession) -> list[StoredShape] | Kept | None:
         if claim is not None:
-            return idempotency.answer_to(session, claim, datetime.now(UTC))
+            return repository.kept_answer(session, claim, datetime.now(UTC))
         present = repository.same(session, new.collection, new, new.name)
         whole = present is not None and present.embedded and also is None and not split
         return [StoredShape(present, created=False)] if present is not None and whole else None
@@ -115,12 +114,12 @@ async def ingest(
         collections_repository.require(session, new.collection)
         now = datetime.now(UTC)
         # Another process, or a cancelled request, may have stored the answer meanwhile.
-        kept = None if claim is None else idempotency.answer_to(session, claim, now)
+        kept = None if claim is None else repository.kept_answer(session, claim, now)
         if kept is not None:
             return kept
         stored = [put_shape(session, put, shape) for shape in shapes]
         if claim is not None:
-            idempotency.keep(session, claim, answer_of(stored, split=split), now)
+            repository.keep_answer(session, claim, answer_of(stored, split=split), now)
         if also is not None:
             also(session, stored[0])
         return stored

@@ -14,8 +14,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from service.errors import ArchiveError
-from service.storage.archive_file import JOURNALS, ArchiveLock, has_journal, put_in_place
 from service.storage.checking import CheckReport, check, check_version, connect, reason
+from service.storage.sqlite import JOURNALS, ArchiveLock, has_journal, put_in_place
 
 # Longer than the time limit of the service: a nightly backup may wait for a busy moment to pass.
 LOCK_SECONDS = 60.0

@@ -2,12 +2,12 @@
 
 import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from anyio import to_thread
-from sqlalchemy import Connection, Engine, insert, make_url, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, delete, insert, make_url, select, update
 from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
 from sqlalchemy.orm import Session
@@ -15,10 +15,9 @@ from sqlalchemy.orm import Session
 from service.errors import StorageFullError, StorageUnavailableError
 from service.observability.logging import get_logger
 from service.observability.metrics import Metrics
-from service.storage.archive_file import ArchiveLock, DatabaseFile
 from service.storage.postgresql import open_postgresql
-from service.storage.sqlite import WRITES, open_sqlite, path_of, without_references
-from service.storage.tables import ArchiveRow, Table
+from service.storage.sqlite import WRITES, ArchiveLock, DatabaseFile, open_sqlite, path_of, without_references
+from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, ShapeRow, Table
 
 log = get_logger("storage")
 
@@ -250,3 +249,29 @@ def _is_full(error: BaseException | None) -> bool:
 def _reason(error: BaseException | None) -> str:
     """Return the driver's name of the error; its message may contain paths, which clients must not see."""
     return getattr(error, "sqlite_errorname", None) or type(error).__name__
+
+
+def erase(session: WriteSession, condition: ColumnElement[bool]) -> None:
+    """Erase the shapes that satisfy a condition, and the files that no other shape has."""
+    blobs = set(session.scalars(select(ShapeRow.blob_number).where(condition)))
+    session.execute(delete(ShapeRow).where(condition))
+    drop_unused(session, blobs)
+
+
+def drop_unused(session: WriteSession, blobs: Collection[int]) -> None:
+    """Erase those of some files that no shape has, and their embeddings in formats that no shape has.
+
+    A deleted shape has its file until it is erased.
+    """
+    used = select(ShapeRow.number).where(
+        ShapeRow.blob_number == EmbeddingRow.blob_number, ShapeRow.format == EmbeddingRow.format
+    )
+    session.execute(
+        delete(EmbeddingRow).where(EmbeddingRow.blob_number.in_(blobs), ~used.exists()),
+        execution_options={"synchronize_session": False},
+    )
+    used = select(ShapeRow.number).where(ShapeRow.blob_number == BlobRow.number)
+    session.execute(
+        delete(BlobRow).where(BlobRow.number.in_(blobs), ~used.exists()),
+        execution_options={"synchronize_session": False},
+    )

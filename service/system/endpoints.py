@@ -13,7 +13,7 @@ from core.parameters import METHOD_VERSION
 from service.auth.gate import name_in, token_in
 from service.auth.keys import COOKIE, SECONDS, Grant
 from service.compute.compilation import is_compiled
-from service.dependencies import Service
+from service.container import Service
 from service.errors import REEMBED, CompilingError, ServiceError
 from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response

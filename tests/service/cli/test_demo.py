@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from service import openapi_document as openapi
+from service.app import openapi_document
 from service.cli import demo
 from service.report import SIZE
 from service.server.process import LOOPBACK
@@ -81,7 +81,7 @@ def test_a_taken_port(run: Run) -> None:
 def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:
     assert run("openapi").status == 0
     written = Path("openapi/openapi.json").read_text(encoding="utf-8")
-    assert json.loads(written) == openapi.document()
+    assert json.loads(written) == openapi_document()
     assert run("openapi", "--output", "-").stdout == written
 
 

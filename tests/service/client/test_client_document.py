@@ -11,11 +11,11 @@ import jsonschema_rs
 import pytest
 from pydantic import BaseModel
 
+from service.app import openapi_document
 from service.client import Client, Upload
-from service.openapi_document import document
 from tests.service.cli.awaited import Awaited
 
-DOCUMENT = document()
+DOCUMENT = openapi_document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4.."}
 LISTED = {"tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}

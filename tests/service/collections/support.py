@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import httpx
 
-from service.collections.dependencies import HEADER
+from service.collections.endpoints import HEADER
 from tests.service.support import Running
 
 

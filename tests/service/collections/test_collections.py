@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select, update
 
 from service.collection import is_name
-from service.collections.dependencies import HEADER, PARAMETER
+from service.collections.endpoints import HEADER, PARAMETER
 from service.storage.tables import (
     NOT_DELETED,
     BlobRow,

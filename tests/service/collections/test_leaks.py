@@ -8,8 +8,8 @@ from typing import Any
 import httpx
 import pytest
 
-from service.collections.dependencies import HEADER, PARAMETER
-from service.openapi_document import document
+from service.app import openapi_document
+from service.collections.endpoints import HEADER, PARAMETER
 from tests.service.collections.support import working_in
 from tests.service.engines import either_engine
 from tests.service.jobs.support import ended, pack
@@ -37,7 +37,7 @@ WITHOUT = {
 
 DOCUMENTED: dict[Operation, Any] = {
     (method.upper(), path): operation
-    for path, operations in document()["paths"].items()
+    for path, operations in openapi_document()["paths"].items()
     for method, operation in operations.items()
 }
 

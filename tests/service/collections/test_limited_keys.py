@@ -6,7 +6,7 @@ import httpx
 import pytest
 
 from service.auth.keys import Grant, KeyEntry, KeyRing, digest_of
-from service.collections.dependencies import HEADER, PARAMETER, allowed
+from service.collections.endpoints import HEADER, PARAMETER, allowed
 from service.errors import BadRequestFieldsError, ForbiddenError
 from service.settings import Settings
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file

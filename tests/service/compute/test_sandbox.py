@@ -25,9 +25,9 @@ from safetensors.numpy import save
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
 from core.io import DEFAULT_LIMITS, FORMATS, Limits, read_mesh, read_parts
 from service.compute import processes, sandbox
-from service.compute.executor import _log_confinement
 from service.compute.pool import MEMORY_BYTES, LocalPool
-from service.compute.reader_answers import (
+from service.compute.request_queue import _log_confinement
+from service.compute.sandbox import (
     PartFile,
     ReadMesh,
     largest_size,

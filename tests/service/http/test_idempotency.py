@@ -15,7 +15,7 @@ from core.pipeline import Pipeline
 from service.auth.keys import digest_of
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import Embedded
-from service.http.idempotency.keys import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
+from service.http.idempotency import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
 from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow

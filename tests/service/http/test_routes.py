@@ -10,10 +10,9 @@ from starlette.routing import Route
 
 from core.io import write_mesh
 from service import app
-from service.app import create_app
+from service.app import create_app, openapi_document
 from service.auth.keys import digest_of
 from service.compute.pool import LocalPool
-from service.openapi_document import document
 from service.settings import Settings
 from service.system import endpoints
 from tests.core.shapes import icosphere
@@ -38,7 +37,7 @@ READING = {("POST", "/query"), ("POST", "/compare"), ("POST", "/preview"), ("POS
 
 DOCUMENTED = {
     (method.upper(), path): operation
-    for path, operations in document()["paths"].items()
+    for path, operations in openapi_document()["paths"].items()
     for method, operation in operations.items()
 }
 
@@ -111,7 +110,7 @@ def test_the_document_says_who_may(method: str, path: str) -> None:
 
 
 def test_the_document_names_the_schemes_that_it_uses() -> None:
-    schemes = document()["components"]["securitySchemes"]
+    schemes = openapi_document()["components"]["securitySchemes"]
     for operation in DOCUMENTED.values():
         assert all(set(each) <= set(schemes) for each in operation["security"])
 
@@ -143,7 +142,7 @@ def test_a_page_with_a_rebound_name_is_refused(shared: Running, method: str, pat
 
 PARAMETERS = [
     pytest.param(method, path, parameter, id=f"{method} {path} {parameter['name']}")
-    for path, operations in document()["paths"].items()
+    for path, operations in openapi_document()["paths"].items()
     for method, operation in operations.items()
     for parameter in operation.get("parameters", [])
     if parameter["in"] == "query"

@@ -8,8 +8,8 @@ import pytest
 from core.ranking.local_density import densities_in, density_sample
 from core.serialization import descriptors_from_bytes
 from service.collection import DEFAULT_COLLECTION
-from service.index import density_samples
-from service.index.density_samples import CollectionSample, sampled
+from service.index import cache
+from service.index.cache import CollectionSample, sampled
 from service.search import repository
 from service.search.caches import collection_sample
 from tests.service.engines import on_both
@@ -30,7 +30,7 @@ def test_a_sample_has_the_shapes_of_least_hash(engine: str) -> None:
     rng = np.random.default_rng(0)
     shapes = rng.permutation(np.unique(rng.integers(1, 2**40, size=3_000)))
     chosen = np.sort(shapes[sampled(shapes)])
-    assert len(chosen) == density_samples.SAMPLE
+    assert len(chosen) == cache.SAMPLE
     for _ in range(3):
         order = rng.permutation(len(shapes))
         assert (np.sort(shapes[order][sampled(shapes[order])]) == chosen).all()
@@ -49,14 +49,14 @@ def test_numbers_of_one_kind_are_sampled_evenly(engine: str) -> None:
     chosen = shapes[sampled(shapes)]
     for group in (chosen % 7, chosen % 20, chosen * 10 // 100_001):
         counts = np.bincount(group)[np.unique(group)]
-        expected = density_samples.SAMPLE / len(counts)
+        expected = cache.SAMPLE / len(counts)
         assert ((counts - expected) ** 2 / expected).sum() < 3 * len(counts)
 
 
 def test_memory_and_database_sample_the_same_after_any_history(
     tmp_path: Path, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(density_samples, "SAMPLE", 5)
+    monkeypatch.setattr(cache, "SAMPLE", 5)
     monkeypatch.setattr("service.search.repository.SAMPLE", 5)
     with serving(settings_in(tmp_path)) as running:
         ids = [running.store(small_file(n), f"{n}.off")["id"] for n in range(SHAPES)]

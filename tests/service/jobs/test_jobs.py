@@ -15,7 +15,7 @@ from sqlalchemy import select, update
 
 from service.collection import DEFAULT_COLLECTION
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
-from service.jobs import events as events_module
+from service.jobs import endpoints
 from service.jobs import service as jobs_service
 from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
@@ -197,7 +197,7 @@ def test_progress_as_events(clean: Running, held: threading.Event) -> None:
 def test_only_so_many_follow_at_a_time(
     clean: Running, held: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(events_module, "FOLLOWERS", 2)
+    monkeypatch.setattr(endpoints, "FOLLOWERS", 2)
     job_id = begun(clean.client, pack(meshes(range(2))))
     address = f"/jobs/{job_id}/events"
 

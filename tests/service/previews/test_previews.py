@@ -12,8 +12,7 @@ from sqlalchemy import update
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.rendering.colours import colours_of_points, interpolate_colours
-from service.rendering.glb import GlbPart, write_glb
-from service.rendering.tasks import FACES
+from service.rendering.tasks import FACES, GlbPart, write_glb
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import NOTHING, SIZES, camera, draw, nearest_triangles, upright
 from service.storage.checksums import checksum_of

@@ -9,7 +9,7 @@ import pytest
 from core.arrays import Ints
 from service.search import repository
 from service.search.signature_index import MemoryIndex
-from service.storage.hnsw import EF_SEARCH
+from service.storage.postgresql import EF_SEARCH
 from tests.service.engines import on_postgresql
 from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 

@@ -4,7 +4,7 @@ import pytest
 
 from core.gallery import make_shape
 from core.io import write_mesh
-from service.search import maps
+from service.search import answer
 from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, small_file
 
@@ -39,7 +39,7 @@ def test_similar_shapes_are_near_each_other(service: Running) -> None:
 def test_a_map_of_many_shapes_has_some_of_them_evenly(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(maps, "MOST_MAPPED", 5)
+    monkeypatch.setattr(answer, "MOST_MAPPED", 5)
     for number in range(10):
         service.store(small_file(number % 3), name=f"ball-{number}")
     found = service.client.get("/map").json()

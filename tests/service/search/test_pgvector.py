@@ -18,7 +18,7 @@ from service.search.repository import nearest
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.database import Database, ReadSession
-from service.storage.hnsw import M, ensure_hnsw, index_name
+from service.storage.postgresql import M, ensure_hnsw, index_name
 from service.storage.tables import BlobRow, CoarseSamplesRow, EmbeddingRow, ShapeRow, TagRow
 from tests.service.archives import embedded
 from tests.service.engines import empty_database, on_postgresql

@@ -15,7 +15,7 @@ from core.serialization import embedding_from_bytes
 from service.client import Client
 from service.collection import DEFAULT_COLLECTION
 from service.shapes import file_repository
-from service.shapes.file_service import check_size
+from service.shapes.file_endpoints import check_size
 from tests.service.engines import either_engine, on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
 

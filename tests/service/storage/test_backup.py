@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 
 from service.cli.commands import command_line
 from service.errors import ArchiveError, ArchiveTooNewError, StorageUnavailableError
-from service.storage.archive_file import ArchiveLock
 from service.storage.backup import back_up, restore
 from service.storage.checking import check
 from service.storage.database import Database
+from service.storage.sqlite import ArchiveLock
 from tests.service.archives import change, make_archive, names, opened
 from tests.service.processes import server
 

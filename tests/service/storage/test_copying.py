@@ -15,8 +15,7 @@ from service.cli.commands import command_line
 from service.collection import DEFAULT_COLLECTION
 from service.collections import repository as sets
 from service.errors import ArchiveError, ArchiveTooNewError
-from service.http.idempotency import repository as idempotency
-from service.http.idempotency.keys import Claim, Kept
+from service.http.idempotency import Claim, Kept
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
 from service.storage.checking import check
@@ -53,7 +52,7 @@ def archive(tmp_path: Path) -> Path:
         session.add(ThumbnailRow(**own, data=picture, checksum=checksum_of(picture)))
         now = datetime.now(UTC)
         claim = Claim(DEFAULT_COLLECTION.number, "", "key", "payload", now + timedelta(hours=1))
-        idempotency.keep(session, claim, Kept(201, "/shapes/x", "{}"), now)
+        repository.keep_answer(session, claim, Kept(201, "/shapes/x", "{}"), now)
         number = session.scalars(select(ShapeRow.number).where(ShapeRow.name == "4")).one()
         own = DEFAULT_COLLECTION.number
         repository.delete_shape(session, repository.records(session, own, [number])[0])

@@ -8,7 +8,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.storage.archive_file import RESERVE_BYTES, DatabaseFile
+from service.storage.sqlite import RESERVE_BYTES, DatabaseFile
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
 
 

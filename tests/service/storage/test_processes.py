@@ -8,8 +8,7 @@ from pathlib import Path
 
 import httpx
 
-from service.storage.archive_file import ServingLock
-from service.storage.sqlite import path_of
+from service.storage.sqlite import ServingLock, path_of
 from tests.service.engines import on_postgresql, url_in
 from tests.service.processes import server
 from tests.service.support import query, small_file, upload

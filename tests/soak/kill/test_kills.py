@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import httpx
 
-from service.storage.archive_file import has_journal
 from service.storage.checking import check
+from service.storage.sqlite import has_journal
 from tests.service.engines import SQLITE, on_both
 from tests.service.processes import children, runs, server
 from tests.service.support import small_file, wait_until

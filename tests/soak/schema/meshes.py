@@ -8,7 +8,7 @@ import schemathesis
 from hypothesis import strategies as st
 
 from service.collection import DEFAULT_COLLECTION
-from service.collections.dependencies import HEADER, PARAMETER
+from service.collections.endpoints import HEADER, PARAMETER
 from service.shapes.listing import write_cursor
 from tests.core.io.files import PLAIN
 from tests.service.jobs.support import pack

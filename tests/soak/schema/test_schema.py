@@ -19,9 +19,9 @@ from schemathesis.specs.openapi.checks import (
 )
 from sqlalchemy import delete
 
+from service.app import openapi_document
 from service.auth.keys import digest_of
 from service.http.problem_document import TYPE_PREFIX
-from service.openapi_document import document
 from service.shapes.service import purge_old
 from service.storage.tables import IdempotencyKeyRow, JobRow
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
@@ -76,7 +76,7 @@ def _schema() -> schemathesis.BaseSchema:
     return schema
 
 
-DESCRIBED = document()
+DESCRIBED = openapi_document()
 load_all_checks()
 meshes.register()
 SCHEMA = _schema()

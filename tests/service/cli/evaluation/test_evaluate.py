@@ -22,7 +22,7 @@ from core.ranking.differences import differences_of
 from service.datasets import read_collection
 from service.evaluation.pairwise_scores import embed_files, pair_densities, score_pairs, worker_pool
 from service.evaluation.retrieval import spread
-from service.index.density_samples import SAMPLE, sampled
+from service.index.cache import SAMPLE, sampled
 from tests.service.cli.conftest import CLASSES, Run, mesh_bytes
 from tests.service.processes import runs
 from tests.service.support import wait_until

@@ -1,4 +1,4 @@
-"""Reading the header, and knowing which keys are at work.
+"""The header Idempotency-Key: the key of a request, and the keys that are at work.
 
 draft-ietf-httpapi-idempotency-key-header-07: the value is a string of RFC 8941, in double quotes. A key that
 comes again with another payload is 422; one whose first request has no answer yet, 409; one that is
