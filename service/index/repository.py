@@ -1,7 +1,7 @@
 """The SQL of the signature index, and its entries."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,10 @@ class IndexEntries:
     def nbytes(self) -> int:
         """Memory of the arrays, in bytes."""
         return sum(array.nbytes for array in self.arrays)
+
+    def without_samples(self) -> "IndexEntries":
+        """Return the entries without their coarse samples."""
+        return replace(self, coarse_samples=np.empty((len(self.shapes), 0), np.uint8))
 
     def only(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> "IndexEntries":
         """Return the entries at some indices, or those that a mask selects, as copies; or a slice of them."""

@@ -4,6 +4,7 @@ A GLB is for viewers: it has small upright meshes with vertex colours.
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from io import BytesIO
 from typing import Any
@@ -31,6 +32,9 @@ from service.rendering.colours import (
 from service.rendering.thumbnail import draw_painted, frame, upright
 
 MEDIA_TYPE = FORMATS["glb"].media_type
+
+Ways = tuple[DenseCorrespondence, DenseCorrespondence]
+"""The dense correspondence from the first of two meshes to the second, and back."""
 
 SPACING = 2.4
 """Distance of the centres of neighbouring meshes, each of which extends from -1 to 1."""
@@ -140,48 +144,37 @@ class ShownMesh:
     mesh: Mesh
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedMesh(ShownMesh):
-    """One of two meshes with p corresponding points, which have positions of shape (p, 3)."""
-
-    points: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class PaintedMesh(ShownMesh):
-    """One of two meshes that are painted vertex by vertex, and its correspondence to the other mesh."""
-
-    way: DenseCorrespondence
-
-
 def preview(mesh: Mesh, format: str, faces: int) -> bytes:
     """Return a mesh as a GLB of at most about `faces` faces."""
-    return write_glb([_part("shape", mesh, format, faces)])
+    return write_glb([_part(ShownMesh("shape", format, mesh), faces)])
 
 
-def coloured(first: ComparedMesh, second: ComparedMesh, faces: int) -> bytes:
-    """Return both meshes as one GLB, coloured so that corresponding points have the same colour."""
-    colours = colours_of_points(first.points, upright(first.format))
+def coloured(pair: Sequence[ShownMesh], points: Sequence[Floats], faces: int) -> bytes:
+    """Return two meshes as one GLB, coloured so that corresponding points have the same colour.
+
+    `points` has the positions of p corresponding points on each mesh, shape (p, 3).
+    """
+    colours = colours_of_points(points[0], upright(pair[0].format))
     parts = []
-    for side in (first, second):
-        part = _part(side.name, side.mesh, side.format, faces)
-        parts.append(replace(part, colours=interpolate_colours(side.points, colours, part.vertices)))
+    for shown, ends in zip(pair, points, strict=True):
+        part = _part(shown, faces)
+        parts.append(replace(part, colours=interpolate_colours(ends, colours, part.vertices)))
     return write_glb(parts)
 
 
-def painted(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> bytes:
-    """Return both meshes as one GLB, painted by their dense correspondence.
+def painted(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Paint) -> bytes:
+    """Return two meshes as one GLB, painted by their dense correspondence both ways.
 
     With "difference" the extras of each node have the `quantity` that is shown, the `maximum` of the scale,
     in units of the mesh, and the share of vertices `without_partner`.
     """
-    return write_glb(_painted_parts(first, second, faces, paint))
+    return write_glb(_painted_parts(pair, ways, faces, paint))
 
 
-def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint, size: int) -> bytes:
+def painted_picture(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Paint, size: int) -> bytes:
     """Return both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
     picture = Image.new("RGBA", (2 * size, size))
-    for number, part in enumerate(_painted_parts(first, second, faces, paint)):
+    for number, part in enumerate(_painted_parts(pair, ways, faces, paint)):
         mesh = Mesh(part.vertices, part.faces)
         drawn = draw_painted(mesh, part.format, size, part.vertices, part.colours[:, :3] / 255.0)
         picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (number * size, 0))
@@ -190,16 +183,12 @@ def painted_picture(first: PaintedMesh, second: PaintedMesh, faces: int, paint: 
     return file.getvalue()
 
 
-def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: Paint) -> list[GlbPart]:
+def _painted_parts(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Paint) -> list[GlbPart]:
     """Return both meshes, simplified for display, with their colours."""
     facts: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
-        ways = first.way, second.way
-        ends = differences(ways, (diagonal(first.mesh), diagonal(second.mesh)))
-        colours = (
-            difference_colours(ends[0], first.way.partnered),
-            difference_colours(ends[1], second.way.partnered),
-        )
+        ends = differences(ways, (diagonal(pair[0].mesh), diagonal(pair[1].mesh)))
+        colours = [difference_colours(end, way.partnered) for end, way in zip(ends, ways, strict=True)]
         facts = [
             {
                 "quantity": end.quantity,
@@ -209,22 +198,22 @@ def _painted_parts(first: PaintedMesh, second: PaintedMesh, faces: int, paint: P
             for end, way in zip(ends, ways, strict=True)
         ]
     else:
-        colours = correspondence_colours(first.mesh.vertices, upright(first.format), second.way)
+        colours = [*correspondence_colours(pair[0].mesh.vertices, upright(pair[0].format), ways[1])]
     parts = []
-    for side, painted_colours, more in zip((first, second), colours, facts, strict=True):
-        part = _part(side.name, side.mesh, side.format, faces)
+    for shown, painted_colours, more in zip(pair, colours, facts, strict=True):
+        part, vertices = _part(shown, faces), shown.mesh.vertices
         # A simplified mesh has the colours of the nearest vertices.
-        simplified = part.vertices is not side.mesh.vertices
-        shown = KDTree(side.mesh.vertices).query(part.vertices)[1] if simplified else slice(None)
-        parts.append(replace(part, colours=opaque(painted_colours[shown]), facts={**part.facts, **more}))
+        nearest = slice(None) if part.vertices is vertices else KDTree(vertices).query(part.vertices)[1]
+        parts.append(replace(part, colours=opaque(painted_colours[nearest]), facts={**part.facts, **more}))
     return parts
 
 
-def _part(name: str, mesh: Mesh, format: str, faces: int) -> GlbPart:
+def _part(shown: ShownMesh, faces: int) -> GlbPart:
     """Return a mesh for display, simplified if it has more than `faces` faces."""
-    shown = mesh
+    mesh = shown.mesh
     if len(mesh.faces) > faces:
         # Decimation would separate faces without common vertices, as in STL.
         first, group = merge_vertices(mesh.vertices)
-        shown = decimate(Mesh(mesh.vertices[first], group[mesh.faces]), faces / len(mesh.faces), seed=0)
-    return GlbPart(name, format, shown.vertices, shown.faces, {"faces": len(mesh.faces)})
+        mesh = decimate(Mesh(mesh.vertices[first], group[mesh.faces]), faces / len(mesh.faces), seed=0)
+    facts = {"faces": len(shown.mesh.faces)}
+    return GlbPart(shown.name, shown.format, mesh.vertices, mesh.faces, facts)

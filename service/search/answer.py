@@ -1,7 +1,7 @@
 """The search for the most similar stored shapes: a query in, its answer out; and the map of stored shapes."""
 
-from collections.abc import Awaitable, Callable
-from dataclasses import replace
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeVar
 
@@ -22,10 +22,9 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
-from service.search.records import MatchedCandidates, Query, SearchResult, once
+from service.search.records import MatchedCandidates, Query, Surface, once
 from service.search.schemas import (
     MOST_MAPPED,
-    LocalDifference,
     MapAnswer,
     MapShape,
     Pair,
@@ -34,10 +33,10 @@ from service.search.schemas import (
     Result,
     SearchOptions,
     pairs,
+    relation_fields,
     score_in_words,
 )
-from service.search.scoring import Cascade, class_log_odds, nearest_wholes
-from service.search.shortlist import find_candidates
+from service.search.scoring import Cascade, class_log_odds, find_candidates, nearest_wholes
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
@@ -181,18 +180,14 @@ async def search(
                 cascade,
                 matched.only(best[: options.top_k]),
                 shapes.collection,
+                part_distances or {},
                 every_record=options.correspondences,
             )
-        correspondences: list[list[Pair] | None] = [None] * len(best_results)
         if options.correspondences:
-            correspondences = [await _correspondence(container, query, result) for result in best_results]
+            for each in best_results:
+                each.result.correspondence = await _correspondence(container, query, each.surface)
     with timings.stage("likeness"):
-        results = [
-            await _result(container, query, rank, result, correspondence, part_distances)
-            for rank, (result, correspondence) in enumerate(
-                zip(best_results, correspondences, strict=True), start=1
-            )
-        ]
+        results = [await _likened(container, query, each) for each in best_results]
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     warnings = warnings_of(query.embedding.facts.boundary_ratio)
     if tell_units and sized.has_sizes and not compared:
@@ -232,9 +227,30 @@ def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFil
     return replace(shapes, area=(least, greatest))
 
 
+@dataclass(frozen=True, eq=False)
+class _BestResult:
+    """A result before its likeness is told, and what tells it.
+
+    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy.
+    `probability` is the greater of `combined` and the class probability at the typical density, which does
+    not depend on other stored shapes. `spectral` is the distance of the log eigenvalues of the shape from
+    those of the query.
+    """
+
+    result: Result
+    surface: Surface | None
+    probability: float
+    spectral: float
+
+
 def _read_results(
-    cascade: Cascade, best: MatchedCandidates, collection: CollectionNumber, *, every_record: bool
-) -> list[SearchResult]:
+    cascade: Cascade,
+    best: MatchedCandidates,
+    collection: CollectionNumber,
+    part_distances: Mapping[int, float],
+    *,
+    every_record: bool,
+) -> list[_BestResult]:
     """Return the best candidates as they are shown, without one that was deleted a moment ago.
 
     The embedding is read of a result that may be a rigid copy, and of all with `every_record`.
@@ -262,63 +278,49 @@ def _read_results(
         ]
     )
     return [
-        SearchResult(
-            shape=shape,
-            surface=stored_surface(container, collection, shape.id, embeddings[numbers[i]])
+        _BestResult(
+            Result(
+                rank=rank,
+                cc=float(best.cc[i]),
+                ssd=float(best.ssd[i]),
+                sim=float(best.sim[i]),
+                combined=float(expit(log_odds[i])),
+                likeness="weak",
+                part_distance=part_distances.get(shape.number),
+                size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
+                shape=Shape.of(shape),
+            ),
+            stored_surface(container, collection, shape.id, embeddings[numbers[i]])
             if numbers[i] in embeddings
             else None,
-            cc=float(best.cc[i]),
-            ssd=float(best.ssd[i]),
-            sim=float(best.sim[i]),
-            combined=float(expit(log_odds[i])),
-            probability=float(expit(max(log_odds[i], typical[i]))),
-            spectral=spectral[i],
+            float(expit(max(log_odds[i], typical[i]))),
+            spectral[i],
         )
-        for i, shape in present
+        for rank, (i, shape) in enumerate(present, start=1)
     ]
 
 
-async def _correspondence(container: Container, query: Query, result: SearchResult) -> list[Pair] | None:
+async def _correspondence(container: Container, query: Query, surface: Surface | None) -> list[Pair] | None:
     """Match the query with a result; None if the embedding of the result was deleted meanwhile."""
-    if result.surface is None:
+    if surface is None:
         return None
-    match = await container.queue.match(query.record, result.surface.record, query.active_pipeline.pipeline)
-    return pairs(match, query.embedding, result.surface.embedding)
+    match = await container.queue.match(query.record, surface.record, query.active_pipeline.pipeline)
+    return pairs(match, query.embedding, surface.embedding)
 
 
-async def _result(
-    container: Container,
-    query: Query,
-    rank: int,
-    result: SearchResult,
-    correspondence: list[Pair] | None,
-    part_distances: dict[int, float] | None,
-) -> Result:
-    """Tell the likeness of a result to the query, and return its JSON."""
+async def _likened(container: Container, query: Query, best: _BestResult) -> Result:
+    """Return a result with its likeness to the query, and its size relative to that of the query."""
     relation = await relation_of(
         container,
         query,
-        result.surface,
+        best.surface,
         query.active_pipeline.pipeline.parameters,
-        spectral=result.spectral,
-        cc=result.cc,
-        probability=result.probability,
+        spectral=best.spectral,
+        cc=best.result.cc,
+        probability=best.probability,
     )
-    size_ratio = float((result.shape.facts["area"] / query.embedding.facts.area) ** 0.5)
-    return Result(
-        rank=rank,
-        cc=result.cc,
-        ssd=result.ssd,
-        sim=result.sim,
-        combined=result.combined,
-        likeness=relation.likeness,
-        scale=relation.scale,
-        difference=LocalDifference.of(relation),
-        part_distance=None if part_distances is None else part_distances[result.shape.number],
-        size_ratio=size_ratio if relation.scale is None else relation.scale,
-        shape=Shape.of(result.shape),
-        correspondence=correspondence,
-    )
+    size = {} if relation.scale is None else {"size_ratio": relation.scale}
+    return best.result.model_copy(update={**relation_fields(relation), **size})
 
 
 async def _unit_warnings(

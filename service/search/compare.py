@@ -29,14 +29,14 @@ from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.rendering import tasks as rendering
 from service.rendering.colours import Paint
-from service.rendering.tasks import FACES, MEDIA_TYPE, ComparedMesh, PaintedMesh
+from service.rendering.tasks import FACES, MEDIA_TYPE, ShownMesh
 from service.search.answer import with_active_pipeline
 from service.search.caches import collection_sample
 from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields
 from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
-from service.search.schemas import LocalDifference, pairs
+from service.search.schemas import pairs, relation_fields
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
@@ -192,56 +192,42 @@ async def _compare(
             ssd=match.ssd,
             sim=match.sim,
             combined=combined,
-            likeness=relation.likeness,
-            scale=relation.scale,
-            difference=LocalDifference.of(relation),
+            **relation_fields(relation),
             correspondence=pairs(match, first.embedding, second.embedding),
             pipeline=pipeline.fingerprint,
             milliseconds=timings.so_far(),
             **dense_fields,
         )
 
-    if not dense:
-        if options.format != "glb":
-            return in_json()
-        with timings.stage("draw"):
-            meshes = await asyncio.gather(first.mesh(), second.mesh())
-            first_coloured, second_coloured = (
-                ComparedMesh(
-                    shape.name,
-                    shape.format,
-                    mesh,
-                    shape.embedding.positions[samples].astype("float64"),
-                )
-                for shape, mesh, samples in zip((first, second), meshes, match.correspondence.T, strict=True)
-            )
-            drawn = await container.queue.do(rendering.coloured, first_coloured, second_coloured, FACES)
-        return Response(drawn, media_type=MEDIA_TYPE)
-    with timings.stage("dense"):
+    if not dense and options.format != "glb":
+        return in_json()
+    with timings.stage("dense" if dense else "draw"):
         meshes = await asyncio.gather(first.mesh(), second.mesh())
-        ways = await container.queue.do(
-            tasks.dense_correspondence, *meshes, first.record, second.record, pipeline.parameters
-        )
+    pair = [
+        ShownMesh(shape.name, shape.format, mesh) for shape, mesh in zip((first, second), meshes, strict=True)
+    ]
+    do = container.queue.do
+    if not dense:
+        with timings.stage("draw"):
+            points = [
+                shape.embedding.positions[samples].astype("float64")
+                for shape, samples in zip((first, second), match.correspondence.T, strict=True)
+            ]
+            return Response(await do(rendering.coloured, pair, points, FACES), media_type=MEDIA_TYPE)
+    with timings.stage("dense"):
+        records = first.record, second.record
+        ways = await do(tasks.dense_correspondence, *meshes, *records, pipeline.parameters)
     if options.format == "npz":
-        return Response(await container.queue.do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
+        return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     if options.format == "json":
         # The answer of a large mesh takes longer to write than the event loop may wait.
         text = await run_in_threadpool(lambda: in_json(**dense_fields(ways)).model_dump_json())
         return Response(text, media_type="application/json")
     with timings.stage("draw"):
-        first_painted, second_painted = (
-            PaintedMesh(shape.name, shape.format, mesh, way)
-            for shape, mesh, way in zip((first, second), meshes, ways, strict=True)
-        )
+        painting = pair, ways, FACES, options.paint
         if options.format == "png":
-            picture = await container.queue.do(
-                rendering.painted_picture, first_painted, second_painted, FACES, options.paint, PICTURE_SIZE
-            )
-            return Response(picture, media_type=PNG)
-        drawn = await container.queue.do(
-            rendering.painted, first_painted, second_painted, FACES, options.paint
-        )
-    return Response(drawn, media_type=MEDIA_TYPE)
+            return Response(await do(rendering.painted_picture, *painting, PICTURE_SIZE), media_type=PNG)
+        return Response(await do(rendering.painted, *painting), media_type=MEDIA_TYPE)
 
 
 def _dense_option(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:

@@ -1,4 +1,4 @@
-"""A query, its candidates, their scores, and its results."""
+"""A query, its candidates and their scores, and the relation of two shapes."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
@@ -19,7 +19,6 @@ from core.serialization import embedding_from_bytes
 from service.index.cache import CollectionSample
 from service.index.repository import IndexEntries
 from service.pipelines.active import ActivePipeline
-from service.shapes.records import ShapeRecord
 
 ReadMesh = Callable[[], Awaitable[Mesh]]
 
@@ -144,23 +143,3 @@ class Relation:
     likeness: Likeness
     scale: float | None = None
     difference: Difference | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class SearchResult:
-    """One shape of an answer, before its likeness is told.
-
-    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy.
-    `combined` is the class probability at the density of the collection's shapes. `probability` is the
-    greater of `combined` and the class probability at the typical density, which does not depend on other
-    stored shapes. `spectral` is the distance of the log eigenvalues of the shape from those of the query.
-    """
-
-    shape: ShapeRecord
-    surface: Surface | None
-    cc: float
-    ssd: float
-    sim: float
-    combined: float
-    probability: float
-    spectral: float

@@ -222,11 +222,6 @@ class LocalDifference(BaseModel):
         description="The numbers of through holes of the first and of the second, if both are closed.",
     )
 
-    @classmethod
-    def of(cls, relation: "Relation") -> "LocalDifference | None":
-        """Return the JSON of the difference of a variant."""
-        return None if relation.difference is None else cls.model_validate(relation.difference)
-
 
 class PairScores(BaseModel):
     """The scores and the likeness of two shapes. The first shape of a search is the query."""
@@ -347,6 +342,12 @@ class MapAnswer(BaseModel):
         description="The number of shapes that pass the filter. The map has at most "
         f"{MOST_MAPPED:,} of them, chosen evenly by age."
     )
+
+
+def relation_fields(relation: "Relation") -> dict[str, Any]:
+    """Return the fields of `PairScores` that tell the relation of two shapes."""
+    difference = relation.difference and LocalDifference.model_validate(relation.difference)
+    return {"likeness": relation.likeness, "scale": relation.scale, "difference": difference}
 
 
 def pairs(match: "Match", first: "Embedding", second: "Embedding") -> list[Pair]:

@@ -1,7 +1,8 @@
-"""The scores of a query with its candidates, in batches on the threads of the service.
+"""The candidates of a query and their scores, in batches on the threads of the service.
 
-The cascade: coarse ranking by the coarse samples in memory; re-ranking by quantised points; the full match.
-Each step passes the best on. The first two run for a shortlist only.
+The candidates are all shapes that match the filter of the query, or a shortlist of them. The cascade: coarse
+ranking by the coarse samples in memory; re-ranking by quantised points; the full match. Each step passes the
+best on. The first two run for a shortlist only.
 """
 
 import asyncio
@@ -24,17 +25,21 @@ from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
 from core.ranking.class_probability import pooled_log_odds
-from core.ranking.differences import TYPICAL_SIM, differences_of
+from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
 from core.ranking.reranking import coarse_ranking, rerank
 from core.ranking.shortlist import least
 from service.compute.request_queue import short_of_memory
 from service.compute.tasks import part_of_mesh
 from service.container import Container
+from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
 from service.observability.metrics import Timings
-from service.search.caches import CandidateReader
+from service.search.caches import CandidateReader, collection_sample
 from service.search.records import Candidates, MatchedCandidates, Query
-from service.search.shortlist import coarse_log_odds
+from service.search.schemas import SearchOptions
+from service.search.signature_index import Shortlist, signature_index
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeFilter
 
 log = get_logger("search")
 
@@ -48,6 +53,48 @@ DESCRIBED = 0.5
 PART_FACTOR = 2
 """Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
 since the log odds depend mostly on spin images."""
+
+
+VIEW_SHARE = 0.5
+"""Shapes near by view signatures in a shortlist, for each one near by signatures."""
+
+PARTIAL_FACTOR = 2.5
+"""Factor of the number of candidates from which a partial query compares a shortlist: this may miss the whole
+of a part, whose signature is another."""
+
+
+def find_candidates(
+    container: Container, query: Query, shapes: ShapeFilter, options: SearchOptions
+) -> Candidates:
+    """Return the shapes that match a filter, without the query itself, or a shortlist of them.
+
+    Stages: read the collection's sample for local densities; select by the filter; unless the search is
+    exhaustive or few shapes are left, keep the nearest by signatures and by view signatures. If log odds rank
+    the answer, more of both are looked for, and those of greatest approximate log odds stay.
+    """
+    shortlist_from = container.settings.shortlist_from
+    if options.partial:
+        shortlist_from = math.ceil(PARTIAL_FACTOR * shortlist_from)
+    index = signature_index(container, query.active_pipeline)
+    length, by_views = container.settings.shortlist_length, VIEW_SHARE
+    if options.rank_by == "combined":
+        length, by_views = index.widening * length, 1.0
+    shortlist = Shortlist(shortlist_from, length, math.ceil(by_views * length))
+    with container.database.read() as session:
+        stored = shapes_repository.stored(session, shapes.collection)
+        sample = collection_sample(session, container, query.active_pipeline, shapes.collection)
+        entries, shortlisted = index.candidates(
+            session, query, shapes, stored, None if options.exhaustive else shortlist
+        )
+    if shortlisted and options.rank_by == "combined":
+        log_odds = coarse_log_odds(query, entries)
+        entries = entries.only(least(-log_odds, entries.shapes, container.settings.shortlist_length))
+    if shortlisted:
+        container.metrics.queries_shortlisted.inc()
+    # The index of an empty archive has signatures of length 0.
+    signatures = entries.signatures.reshape(len(entries.shapes), len(query.embedding.signature))
+    entries = replace(entries, signatures=signatures)
+    return Candidates(entries, shortlisted, stored, sample, sample.of_query(query.descriptors))
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +274,24 @@ async def nearest_wholes(
         shapes = candidates.entries.shapes
         distance_of = dict(zip(shapes.tolist(), distances.tolist(), strict=True))
         return candidates.only(least(distances, shapes, count)), distance_of
+
+
+def coarse_log_odds(query: Query, entries: IndexEntries, cc: Floats | None = None) -> Floats:
+    """Compute approximate log odds that a query and c shapes are of one class, from the index alone.
+
+    `cc` has the approximate CC of the shapes, shape (c,), as the result; CC typical of the spectral distances
+    is taken unless it is given.
+    """
+    descriptors = query.descriptors
+    reliability = np.array([descriptors.reliability], dtype=np.float32)
+    return pooled_log_odds(
+        coarse_differences(
+            CoarseDescriptors(descriptors.signature[None], query.view_signature[None], reliability),
+            CoarseDescriptors(entries.signatures, entries.view_signatures, entries.reliabilities),
+            cc,
+            part=is_part(query.spin_images),
+        )
+    )
 
 
 def class_log_odds(

@@ -1,9 +1,9 @@
-"""The index of signatures, which finds the nearest shapes: in memory, or in PostgreSQL with pgvector."""
+"""The index of signatures, which finds candidates of a query: in memory, or in PostgreSQL with pgvector."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, ClassVar, Protocol
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,69 +35,43 @@ CLOSE = 16
 """Additional neighbours, sorted again by distances in double precision: the database has single precision."""
 
 
-class Selection(Protocol):
-    """The shapes of a signature index that match a filter."""
+@dataclass(frozen=True)
+class Shortlist:
+    """The least number of shapes of which a shortlist is made, and its neighbours by either signature.
 
-    def has(self, count: int) -> bool:
-        """Return whether there are at least `count` shapes."""
+    Those by view signatures are further ones than those by signatures.
+    """
 
-    def entries(self) -> IndexEntries:
-        """Return all shapes, without their coarse samples."""
-
-    def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Return the nearest shapes by signatures, then further ones of the nearest by view signatures."""
-
-
-class SignatureIndex(Protocol):
-    """The signatures of all shapes that the active pipeline has embedded."""
-
-    @property
-    def widening(self) -> int:
-        """The factor by which more neighbours are looked for than remain after the ranking by log odds."""
-
-    def select(
-        self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
-    ) -> Selection:
-        """Return the shapes that match a filter, of `stored` in the collection, without some by number."""
-
-    def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
-        """Return the embeddings of the sample of a collection, ascending by shape."""
-
-    def newest(self, session: ReadSession, count: int) -> Ints:
-        """Return the embeddings to cache, the newest last: all, or the last `count`."""
-
-    @property
-    def revision(self) -> int:
-        """The revision of the archive that the signatures in memory are of; 0 if there are none."""
-
-    @property
-    def nbytes(self) -> int:
-        """The bytes of the signatures in memory."""
-
-
-def signature_index(container: Container, active_pipeline: ActivePipeline) -> SignatureIndex:
-    """Return the index that the settings name: in memory, or in PostgreSQL."""
-    if container.settings.signatures == "database":
-        return PostgresIndex(active_pipeline.fingerprint)
-    return MemoryIndex(active_pipeline.index)
+    least: int
+    by_signature: int
+    by_views: int
 
 
 @dataclass(frozen=True, eq=False)
 class MemoryIndex:
-    """The index of the signatures in memory."""
+    """The signatures in memory of all shapes that the active pipeline has embedded.
+
+    `widening` is the factor by which more neighbours are looked for than remain after ranking by log odds.
+    """
 
     table: SignatureTable
     widening: ClassVar[int] = 4
 
-    def select(
-        self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
-    ) -> "MemorySelection":
-        """Return the shapes that match a filter, of `stored` in the collection, without some by number.
+    def candidates(
+        self,
+        session: ReadSession,
+        query: Query,
+        shapes: ShapeFilter,
+        stored: int,
+        shortlist: Shortlist | None,
+    ) -> tuple[IndexEntries, bool]:
+        """Return the shapes that match a filter, without the query itself, and whether they are a shortlist.
 
-        The number of shapes of the collection without an embedding is logged.
+        All of them, without their coarse samples, unless there are enough for a shortlist. `stored` is the
+        number of shapes in the collection; the number of those without an embedding is logged.
         """
-        entries = self.table.current(session)
-        selected = entries.collections == shapes.collection
+        table = self.table.current(session)
+        selected = table.collections == shapes.collection
         lacking = stored - np.count_nonzero(selected)
         if lacking > 0:
             log.info(
@@ -107,10 +81,26 @@ class MemoryIndex:
             )
         if not shapes.is_empty:
             matching = shapes_repository.numbers(session, shapes)
-            selected &= np.isin(entries.shapes, np.array(matching, dtype=np.int64))
-        for number in excluded:
-            selected &= entries.shapes != number
-        return MemorySelection(entries, np.flatnonzero(selected))
+            selected &= np.isin(table.shapes, np.array(matching, dtype=np.int64))
+        for number in query.excluded:
+            selected &= table.shapes != number
+        rows = np.flatnonzero(selected)
+        if shortlist is None or len(rows) < shortlist.least:
+            return table.without_samples().only(rows), False
+
+        def nearest(
+            distances: Callable[[NDArray[Any]], NDArray[Any]], vectors: NDArray[Any], count: int
+        ) -> Ints:
+            # If most shapes match the filter, gathering their signatures takes longer than measuring all.
+            gathered = GATHERED_SHARE * len(rows) < len(vectors)
+            measured = distances(vectors[rows]) if gathered else distances(vectors)[rows]
+            return rows[least(measured, table.shapes[rows], count)]
+
+        signatures = partial(signature_distances, query.embedding.signature)
+        near = nearest(signatures, table.signatures, shortlist.by_signature)
+        views = partial(signature_distance, query.view_signature)
+        further = nearest(views, table.view_signatures, shortlist.by_views)
+        return table.only(np.concatenate([near, further[~np.isin(further, near)]])), True
 
     def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
         """Return the embeddings of a collection's sample, the shapes of least hash, ascending by shape."""
@@ -133,56 +123,60 @@ class MemoryIndex:
         return self.table.nbytes
 
 
-@dataclass(frozen=True, eq=False)
-class MemorySelection:
-    """Rows of the table of signatures."""
-
-    table: IndexEntries
-    rows: NDArray[np.intp]
-
-    def has(self, count: int) -> bool:
-        """Return whether there are at least `count` shapes."""
-        return len(self.rows) >= count
-
-    def entries(self) -> IndexEntries:
-        """Return all shapes, without their coarse samples."""
-        without_samples = np.empty((len(self.table.shapes), 0), np.uint8)
-        return replace(self.table, coarse_samples=without_samples).only(self.rows)
-
-    def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Return the nearest shapes by signatures, then further ones of the nearest by view signatures."""
-        signatures = partial(signature_distances, query.embedding.signature)
-        views = partial(signature_distance, query.view_signature)
-        rows = self._nearest(signatures, self.table.signatures, by_signature)
-        further = self._nearest(views, self.table.view_signatures, by_views)
-        return self.table.only(np.concatenate([rows, further[~np.isin(further, rows)]]))
-
-    def _nearest(
-        self, distances: Callable[[NDArray[Any]], NDArray[Any]], table: NDArray[Any], count: int
-    ) -> Ints:
-        # If most shapes match the filter, gathering their signatures takes longer than measuring all.
-        if GATHERED_SHARE * len(self.rows) < len(table):
-            measured = distances(table[self.rows])
-        else:
-            measured = distances(table)[self.rows]
-        return self.rows[least(measured, self.table.shapes[self.rows], count)]
-
-
 @dataclass(frozen=True)
 class PostgresIndex:
-    """The index of the signatures in PostgreSQL; the service then needs none in memory."""
+    """The same signatures in PostgreSQL; the service then needs none in memory."""
 
     fingerprint: str
     widening: ClassVar[int] = 1
     revision: ClassVar[int] = 0
     nbytes: ClassVar[int] = 0
 
-    def select(
-        self, session: ReadSession, shapes: ShapeFilter, excluded: frozenset[int], stored: int
-    ) -> "PostgresSelection":
-        """Select by SQL, which the methods of the selection run."""
-        excluded_numbers = np.array(sorted(excluded), dtype=np.int64)
-        return PostgresSelection(session, self.fingerprint, shapes, excluded_numbers, stored)
+    def candidates(
+        self,
+        session: ReadSession,
+        query: Query,
+        shapes: ShapeFilter,
+        stored: int,
+        shortlist: Shortlist | None,
+    ) -> tuple[IndexEntries, bool]:
+        """Return the candidates as `MemoryIndex` does; both kinds of neighbours have their entries read once.
+
+        The HNSW index finds neighbours if there is no filter and the collection has at least half of all
+        shapes; otherwise exact search does, because most neighbours in the index would not match.
+        """
+        excluded = np.array(sorted(query.excluded), dtype=np.int64)
+        enough = partial(repository.has_at_least, session, self.fingerprint, shapes, excluded.tolist())
+        if shortlist is None or not enough(shortlist.least):
+            entries = repository.entries(session, self.fingerprint, shapes)
+            return entries.only(~np.isin(entries.shapes, excluded)), False
+        others = shapes.is_empty and shapes_repository.others_hold_shapes(session, shapes.collection)
+        exact = not shapes.is_empty or (others and 2 * stored < count_shapes(session))
+        signature = query.embedding.signature
+        near, alike = (
+            repository.nearest(
+                session,
+                self.fingerprint,
+                vector,
+                count + len(excluded),
+                shapes=shapes,
+                ef_search=None if exact else EF_SEARCH,
+                views=views,
+            )
+            for vector, count, views in (
+                (signature, shortlist.by_signature + CLOSE, False),
+                (query.view_signature, shortlist.by_views, True),
+            )
+        )
+        near = near[~np.isin(near, excluded)]
+        alike = alike[~np.isin(alike, excluded)][: shortlist.by_views]
+        entries = repository.entries(session, self.fingerprint, np.union1d(near, alike))
+        rows = np.flatnonzero(np.isin(entries.shapes, near))
+        distances = signature_distances(signature, entries.signatures[rows])
+        rows = rows[least(distances, entries.shapes[rows], shortlist.by_signature)]
+        further = np.isin(entries.shapes, alike)
+        further[rows] = False
+        return entries.only(np.concatenate([rows, np.flatnonzero(further)])), True
 
     def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
         """Return the embeddings of the shapes of least hash, which the database computes."""
@@ -193,65 +187,8 @@ class PostgresIndex:
         return np.array(repository.latest(session, self.fingerprint, count)[::-1])
 
 
-@dataclass(frozen=True)
-class PostgresSelection:
-    """Shapes in the database.
-
-    The HNSW index finds neighbours if there is no filter and the collection has at least half of all shapes;
-    otherwise exact search does, because most neighbours in the index would not match.
-    """
-
-    session: ReadSession
-    fingerprint: str
-    shapes: ShapeFilter
-    excluded: Ints
-    stored: int
-
-    def has(self, count: int) -> bool:
-        """Count the shapes, up to `count`."""
-        return repository.has_at_least(
-            self.session, self.fingerprint, self.shapes, self.excluded.tolist(), count
-        )
-
-    def entries(self) -> IndexEntries:
-        """Read the entries of all shapes."""
-        entries = repository.entries(self.session, self.fingerprint, self.shapes)
-        return entries.only(~np.isin(entries.shapes, self.excluded))
-
-    def nearest(self, query: Query, by_signature: int, by_views: int) -> IndexEntries:
-        """Ask the database for both kinds of neighbours, and read their entries once."""
-        signature = query.embedding.signature
-        near, alike = (
-            repository.nearest(
-                self.session,
-                self.fingerprint,
-                vector,
-                count + len(self.excluded),
-                shapes=self.shapes,
-                ef_search=self._ef_search,
-                views=views,
-            )
-            for vector, count, views in (
-                (signature, by_signature + CLOSE, False),
-                (query.view_signature, by_views, True),
-            )
-        )
-        near = near[~np.isin(near, self.excluded)]
-        alike = alike[~np.isin(alike, self.excluded)][:by_views]
-        entries = repository.entries(self.session, self.fingerprint, np.union1d(near, alike))
-        rows = np.flatnonzero(np.isin(entries.shapes, near))
-        distances = signature_distances(signature, entries.signatures[rows])
-        rows = rows[least(distances, entries.shapes[rows], by_signature)]
-        further = np.isin(entries.shapes, alike)
-        further[rows] = False
-        return entries.only(np.concatenate([rows, np.flatnonzero(further)]))
-
-    @cached_property
-    def _ef_search(self) -> int | None:
-        """The size of the candidate list of the HNSW search; None for exact search."""
-        if not self.shapes.is_empty:
-            return None
-        others = shapes_repository.others_hold_shapes(self.session, self.shapes.collection)
-        if others and 2 * self.stored < count_shapes(self.session):
-            return None
-        return EF_SEARCH
+def signature_index(container: Container, active_pipeline: ActivePipeline) -> MemoryIndex | PostgresIndex:
+    """Return the index that the settings name: in memory, or in PostgreSQL."""
+    if container.settings.signatures == "database":
+        return PostgresIndex(active_pipeline.fingerprint)
+    return MemoryIndex(active_pipeline.index)
