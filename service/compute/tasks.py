@@ -90,16 +90,21 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
                 "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
             )
         embed = 1e3 * (time.perf_counter() - start)
-        return Embedded(
-            record=embedding_to_bytes(embedding),
-            signature=embedding.signature,
-            coarse_samples=coarse_samples(embedding).tobytes(),
-            quantised_points=quantised_points(embedding),
-            view_signature=view_signature(embedding.descriptors["views"]),
-            reliability=intrinsic_reliability(embedding.facts),
-            facts={**asdict(embedding.facts), "bounding_box": list(bounding_box(mesh))},
-            milliseconds={"read": read, "embed": embed},
-        )
+        return ready_to_store(embedding, bounding_box(mesh), {"read": read, "embed": embed})
+
+
+def ready_to_store(embedding: Embedding, box: Sequence[float], milliseconds: dict[str, float]) -> Embedded:
+    """Return an embedding with all that is stored beside it; `box` is the bounding box, three lengths."""
+    return Embedded(
+        record=embedding_to_bytes(embedding),
+        signature=embedding.signature,
+        coarse_samples=coarse_samples(embedding).tobytes(),
+        quantised_points=quantised_points(embedding),
+        view_signature=view_signature(embedding.descriptors["views"]),
+        reliability=intrinsic_reliability(embedding.facts),
+        facts={**asdict(embedding.facts), "bounding_box": list(box)},
+        milliseconds=milliseconds,
+    )
 
 
 def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:

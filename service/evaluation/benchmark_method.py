@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import chain, pairwise
+from math import floor, log10
 from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
@@ -14,13 +16,11 @@ from threadpoolctl import threadpool_limits
 from core.embedding import Embedding
 from core.io import format_of, read_mesh, write_mesh
 from core.matching.match_records import match_record, score_match_records
-from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes
-from service.evaluation.archive_repository import shaken
-from service.evaluation.benchmark_meshes import Source, Spread, growth_exponent, resized
+from service.evaluation.benchmark_shapes import NamedMesh, Source, nearest, resized, shaken
 
 EMBEDDED, MESHES, EMBEDDINGS = 3000, 5, 9
 """Vertices, meshes, and measurements of each mesh."""
@@ -37,13 +37,43 @@ MANY = 64
 """Shapes that one is matched with in one call: the second of the pair, each with other noise."""
 
 
+@dataclass(frozen=True)
+class Spread:
+    """Median, first quartile `low` and third quartile `high` of `count` measurements."""
+
+    median: float
+    low: float
+    high: float
+    count: int
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        """Summarise one or more values."""
+        low, median, high = np.percentile(values, [25.0, 50.0, 75.0])
+        return cls(float(median), float(low), float(high), len(values))
+
+    def __str__(self) -> str:
+        return f"{digits(self.median)} ({digits(self.low)} to {digits(self.high)})"
+
+
+def digits(value: float) -> str:
+    """Format a number with three significant digits, or as many as it has before the point."""
+    places = 2 - floor(log10(abs(value))) if value else 0
+    return f"{value:,.{min(max(0, places), 6)}f}"
+
+
+def all_meshes(source: Source) -> list[NamedMesh]:
+    """Return all meshes with their names, class by class."""
+    return [*chain.from_iterable(source.values())]
+
+
 def embedding_rows(
     source: Source, *, vertices: int = EMBEDDED, meshes: int = MESHES, repeats: int = EMBEDDINGS
 ) -> list[dict[str, Any]]:
     """Measure from the bytes of a binary PLY to the embedding, for meshes of about so many vertices."""
     method = Pipeline(DEFAULT)
     rows = []
-    for name, mesh in source.nearest(vertices, meshes):
+    for name, mesh in nearest(all_meshes(source), vertices, meshes):
         data = write_mesh(mesh, "ply")
         # The first measurement is a warm-up.
         times = [1e3 * embedding_seconds(method, data, "ply") for _ in range(repeats + 1)][1:]
@@ -63,7 +93,9 @@ def growth_rows(
 
     The seconds are from bytes to embedding, the peak is that of the process's memory, libraries included.
     """
-    _, mesh = (source.of("fourleg") or source.nearest(sizes[0], 1))[0]
+    # The class is "quadruped" among made shapes, and "fourleg" in the Princeton Segmentation Benchmark.
+    four_legged = source.get("fourleg") or source.get("quadruped")
+    _, mesh = (four_legged or nearest(all_meshes(source), sizes[0], 1))[0]
     rows = []
     for size in sizes:
         scaled = resized(mesh, size)
@@ -80,11 +112,15 @@ def growth_rows(
 
 
 def growth_exponents(rows: Sequence[dict[str, Any]]) -> tuple[float, float]:
-    """Return the exponents of seconds and of peak memory as powers of the vertices, over PLY files."""
+    """Return the exponents of seconds and of peak memory as powers of the vertices, over PLY files.
+
+    They are slopes of the logarithms, by least squares, for two or more sizes.
+    """
     shown = [row for row in rows if row["format"] == FORMATS[0]]
-    sizes = [row["vertices"] for row in shown]
-    seconds, memory = [row["seconds"].median for row in shown], [row["peak_bytes"] for row in shown]
-    return growth_exponent(sizes, seconds), growth_exponent(sizes, memory)
+    sizes = np.log([row["vertices"] for row in shown])
+    costs = np.log([(row["seconds"].median, row["peak_bytes"]) for row in shown])
+    seconds, memory = np.polyfit(sizes, costs, 1)[0].tolist()
+    return seconds, memory
 
 
 def measure_file(path: str, runs: int) -> tuple[list[float], int]:
@@ -106,14 +142,14 @@ def peak_memory() -> int:
 def matching_rows(
     source: Source, *, vertices: int = MATCHED, pairs: int = PAIRS, repeats: int = MATCHES
 ) -> list[dict[str, Any]]:
-    """Measure `match_steps` of neighbours of the `chain`; the first fifth of the measurements is a warm-up.
+    """Measure `match_steps` of `neighbours`; the first fifth of the measurements is a warm-up.
 
     A source without two meshes of a class gives no row.
     """
     method = Pipeline(DEFAULT)
     rows = []
     with threadpool_limits(limits=1):
-        for (first, mesh), (second, other) in pairwise(chain(source, vertices, pairs + 1)):
+        for (first, mesh), (second, other) in pairwise(neighbours(source, vertices, pairs + 1)):
             steps = match_steps(method.embed(mesh), method.embed(other), method)
             times = [[step() for step in steps.values()] for _ in range(repeats + repeats // 5 + 1)]
             spreads = map(Spread.of, (1e3 * np.array(times[-repeats:])).T.tolist())
@@ -148,17 +184,15 @@ def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dic
     }
 
 
-def chain(source: Source, vertices: int, count: int) -> list[tuple[str, Mesh]]:
+def neighbours(source: Source, vertices: int, count: int) -> list[NamedMesh]:
     """Return at most `count` meshes of about `vertices` vertices, two of each class.
 
     Consecutive pairs are alternately of one class and of two. The classes whose second mesh is nearest in
     size come first.
     """
-    twos = [Source({label: meshes}).nearest(vertices, 2) for label, meshes in source.classes.items()]
-    twos = [two for two in twos if len(two) == 2]
+    twos = [nearest(meshes, vertices, 2) for meshes in source.values() if len(meshes) > 1]
     twos.sort(key=lambda two: abs(len(two[1][1].vertices) - vertices))
-    entries = [entry for two in twos for entry in two][:count]
-    return [(name, resized(mesh, vertices)) for name, mesh in entries]
+    return [(name, resized(mesh, vertices)) for name, mesh in [*chain.from_iterable(twos)][:count]]
 
 
 def _seconds(work: Callable[[], object]) -> float:

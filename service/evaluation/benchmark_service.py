@@ -2,22 +2,35 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from statistics import fmean, median
 from time import perf_counter, sleep
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
+from core.embedding import Embedding
 from core.io import write_mesh
+from core.parameters import DEFAULT
+from core.pipeline import Pipeline
 from service.client import Client
 from service.client.concurrent_uploads import Item, upload_all
-from service.evaluation.archive_repository import STEP, Original, fill, label_of, shape_id
-from service.evaluation.benchmark_meshes import Source, Spread
+from service.collection import DEFAULT_COLLECTION
+from service.compute.tasks import ready_to_store
+from service.evaluation.benchmark_method import Spread, all_meshes
+from service.evaluation.benchmark_shapes import Source, shaken
+from service.pipelines.active import Pipelines, begin
 from service.search.schemas import RankBy
 from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 from service.settings import Settings
+from service.shapes import file_repository
+from service.shapes.records import NewFile
+from service.storage.database import Database, next_revision
+from service.storage.migrate import migrate
+from service.storage.tables import ShapeRow
 
 SIZES = (380, 1_000, 10_000, 100_000)
 """Shapes of the archives that are queried."""
@@ -49,6 +62,54 @@ LENGTHS = (
 TURNS = 3
 """Measurements of a folder stored."""
 
+AT_ONCE = 2_000
+"""Shapes written in one transaction."""
+
+BOX = (1.0, 1.0, 1.0)
+"""The bounding box of all shapes."""
+
+STEP = 7919
+"""The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
+
+Original = tuple[str, Embedding]
+"""The class and the embedding of a shape of the source."""
+
+
+def originals(source: Source) -> list[Original]:
+    """Return all meshes of the source with embeddings by the default parameters."""
+    method = Pipeline(DEFAULT)
+    return [(label, method.embed(mesh)) for label, meshes in source.items() for _, mesh in meshes]
+
+
+def fill(url: str, source: Sequence[Original], count: int) -> list[str]:
+    """Fill an archive with `count` shapes and return their ids: the originals, then noisy copies in turn.
+
+    A file of a few bytes replaces each mesh.
+    """
+    ids: list[str] = []
+    with closing(Database(url, lock_seconds=60.0)) as database:
+        migrate(database)
+        begin(Pipelines(DEFAULT), database)
+        while len(ids) < count:
+            with database.write() as session:
+                now, revision = datetime.now(UTC), next_revision(session)
+                for number in range(len(ids), min(len(ids) + AT_ONCE, count)):
+                    label, embedding = source[number % len(source)]
+                    if number >= len(source):
+                        _, other = source[number // len(source) * STEP % len(source)]
+                        embedding = shaken(embedding, number, other)
+                    file = NewFile(number.to_bytes(8, "big"), "off")
+                    embedded = ready_to_store(embedding, BOX, {})
+                    blob = file_repository.add_blob(session, file.data, file.sha256)
+                    file_repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, embedded)
+                    ids.append(str(uuid4()))
+                    name = f"{label} {number}"
+                    row = {"id": ids[-1], "collection_number": DEFAULT_COLLECTION.number, "blob_number": blob}
+                    row |= {"format": "off", "name": name, "folded_name": name.casefold(), "meta": {}}
+                    row |= {"facts": embedded.facts, "created_at": now, "updated_at": now}
+                    session.insert(ShapeRow, row | {"revision": revision, "checksum": ""})
+    return ids
+
 
 def searching_rows(
     source: Sequence[Original], scratch: Path, *, sizes: Sequence[int] = SIZES, queries: int = QUERIES
@@ -63,12 +124,12 @@ def searching_rows(
     for size in sizes:
         path = scratch / f"{size}.sqlite3"
         url = f"sqlite:///{path}"
-        fill(url, source, size)
-        rows.append(_measured(url, size, queries, exhaustive=False))
+        ids = fill(url, source, size)
+        rows.append(_measured(url, ids, queries, exhaustive=False))
         if SHORTLIST_FROM <= size <= EXHAUSTIVE:
-            rows.append(_measured(url, size, min(queries, LONG), exhaustive=True))
+            rows.append(_measured(url, ids, min(queries, LONG), exhaustive=True))
         if size == checked and size > len(source):
-            cascades = [row for by in RANKINGS for row in cascade_rows(url, source, size, rank_by=by)]
+            cascades = [row for by in RANKINGS for row in cascade_rows(url, source, ids, rank_by=by)]
         path.unlink()
     return rows, cascades
 
@@ -76,7 +137,7 @@ def searching_rows(
 def cascade_rows(
     url: str,
     source: Sequence[Original],
-    size: int,
+    ids: Sequence[str],
     *,
     rank_by: RankBy = "cc",
     queries: int = CHECKED,
@@ -84,11 +145,13 @@ def cascade_rows(
 ) -> list[dict[str, Any]]:
     """Measure each choice of stage lengths against exhaustive search, which is the last row.
 
-    Queries are originals; the answers exclude their copies. A length of None is all shapes. `same_first` is
-    the share of queries with the same first result as exhaustive search, `first_of_class` and `ten_of_class`
-    the share of first results, and of the first ten, of the query's class.
+    Queries are originals among `ids`; the answers exclude their copies. A length of None is all shapes.
+    `same_first` is the share of queries with the same first result as exhaustive search, `first_of_class` and
+    `ten_of_class` the share of first results, and of the first ten, of the query's class.
     """
-    asked = [number * STEP % len(source) for number in range(min(queries, len(source)))]
+    size = len(ids)
+    labels = {id: source[number % len(source)][0] for number, id in enumerate(ids)}
+    asked = [ids[number * STEP % len(source)] for number in range(min(queries, len(source)))]
     measured: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
         shortlist, reranked, finalists = length or (size, size, size)
@@ -97,26 +160,26 @@ def cascade_rows(
         with served(url, **settings) as (service, client):
             wait_until_idle(service)
             answers, seconds = [], []
-            for number in asked:
-                copies = [shape_id(copy) for copy in range(number, size, len(source))]
+            for query in asked:
+                copies = ids[ids.index(query) :: len(source)]
                 before = perf_counter()
                 answer = client.query_shape(
-                    shape_id(number), rank_by=rank_by, exhaustive=length is None, exclude=copies, top_k=10
+                    query, rank_by=rank_by, exhaustive=length is None, exclude=copies, top_k=10
                 )
                 seconds.append(perf_counter() - before)
-                answers.append([result.shape.name for result in answer.results])
+                answers.append([result.shape.id for result in answer.results])
             measured[length] = answers, 1e3 * float(np.median(seconds))
     exhaustive = measured[None][0]
     rows = []
     for length, (answers, median_ms) in measured.items():
         right = [
-            [source[number].label == label_of(name) for name in names]
-            for number, names in zip(asked, answers, strict=True)
+            [labels[id] == labels[query] for id in results]
+            for query, results in zip(asked, answers, strict=True)
         ]
-        same = [names[0] == best[0] for names, best in zip(answers, exhaustive, strict=True)]
+        same = [results[0] == best[0] for results, best in zip(answers, exhaustive, strict=True)]
         row: dict[str, Any] = {"ranked_by": rank_by, "shapes": size, "queries": len(asked)}
         row |= zip(("shortlist", "reranked", "in_full"), length or (None, None, None), strict=True)
-        row |= {"same_first": fmean(same), "first_of_class": fmean(names[0] for names in right)}
+        row |= {"same_first": fmean(same), "first_of_class": fmean(each[0] for each in right)}
         rows.append(row | {"ten_of_class": fmean(map(fmean, right)), "median_ms": median_ms})
     return rows
 
@@ -133,7 +196,7 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
     """
     items = [
         Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
-        for number, (name, mesh) in enumerate(source.meshes)
+        for number, (name, mesh) in enumerate(all_meshes(source))
     ]
     available = processors()
     rates: dict[int, list[float]] = {len(available): [], 1: []}
@@ -203,7 +266,7 @@ def wait_until_idle(service: ChildService) -> None:
         quiet = quiet + 1 if used - before < IDLE else 0
 
 
-def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> dict[str, Any]:
+def _measured(url: str, ids: Sequence[str], queries: int, *, exhaustive: bool) -> dict[str, Any]:
     """Measure the queries of one archive, the first apart.
 
     `compared` is the number of shapes that the last query compared in full, `start_s` from the start of the
@@ -217,11 +280,11 @@ def _measured(url: str, size: int, queries: int, *, exhaustive: bool) -> dict[st
         times, stages, compared = [], [], 0
         for number in range(queries + 1):
             before = perf_counter()
-            answer = client.query_shape(shape_id(number * STEP % size), exhaustive=exhaustive)
+            answer = client.query_shape(ids[number * STEP % len(ids)], exhaustive=exhaustive)
             times.append(1e3 * (perf_counter() - before))
             stages.append(answer.milliseconds)
             compared = answer.compared
-        row: dict[str, Any] = {"shapes": size, "exhaustive": exhaustive, "compared": compared}
+        row: dict[str, Any] = {"shapes": len(ids), "exhaustive": exhaustive, "compared": compared}
         row |= {"queries": queries, "start_s": start, "first_ms": times[0]}
         p50, p95 = np.percentile(times[1:], [50, 95]).tolist()
         medians = {name: median(stage[name] for stage in stages[1:]) for name in stages[0]}

@@ -35,8 +35,7 @@ from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import embed_mesh
-from service.evaluation.archive_repository import fill, originals
-from service.evaluation.benchmark_meshes import Source
+from service.evaluation.benchmark_service import fill, originals
 from service.pipelines.active import Pipelines, begin
 from service.search.repository import MORE, nearest
 from service.shapes import file_repository, repository
@@ -63,19 +62,18 @@ MEMORY = "&options=-c%20maintenance_work_mem%3D2GB"
 
 def bytes_of_a_shape() -> list[dict[str, object]]:
     """Return the bytes of each kind that a shape takes, its own file apart."""
-    source = Source({label: [(label, make_shape(label, 0))] for label in ("cup", "octopus")})
-    shapes = originals(source)
+    shapes = originals({label: [(label, make_shape(label, 0))] for label in ("cup", "octopus")})
     with TemporaryDirectory() as folder:
         fill(f"sqlite:///{folder}/archive.sqlite3", shapes, SHAPES)
         archive = sum(path.stat().st_size for path in Path(folder).iterdir()) / SHAPES
-    embedding = shapes[0].embedding
+    embeddings = [embedding for _, embedding in shapes]
     sizes = {
         "archive, with a file of 8 bytes": archive,
-        "record": np.mean([len(embedding_to_bytes(shape.embedding)) for shape in shapes]),
-        "signature": embedding.signature.nbytes,
-        "coarse samples": len(coarse_samples(embedding)),
-        "quantised points": len(quantised_points(embedding)),
-        "match record": np.mean([match_record(shape.embedding, DEFAULT).nbytes for shape in shapes]),
+        "record": np.mean([len(embedding_to_bytes(embedding)) for embedding in embeddings]),
+        "signature": embeddings[0].signature.nbytes,
+        "coarse samples": len(coarse_samples(embeddings[0])),
+        "quantised points": len(quantised_points(embeddings[0])),
+        "match record": np.mean([match_record(embedding, DEFAULT).nbytes for embedding in embeddings]),
     }
     return [{"of_a_shape": name, "bytes": round(float(size))} for name, size in sizes.items()]
 

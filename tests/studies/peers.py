@@ -22,8 +22,14 @@ from threadpoolctl import threadpool_limits
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from service.evaluation.benchmark_meshes import Source, Spread, read_source
-from service.evaluation.benchmark_method import chain, embedding_seconds, match_steps
+from service.evaluation.benchmark_method import (
+    Spread,
+    all_meshes,
+    embedding_seconds,
+    match_steps,
+    neighbours,
+)
+from service.evaluation.benchmark_shapes import Source, nearest, read_source
 from service.evaluation.template_truth import functional_map, spectrum
 from tests.studies.common import run, write
 
@@ -32,7 +38,7 @@ def embeddings(source: Source, vertices: int, repeats: int) -> list[dict[str, An
     """Return times and ratios of embedding meshes of about a number of vertices."""
     method = Pipeline(DEFAULT)
     rows = []
-    for name, mesh in source.nearest(vertices, 5):
+    for name, mesh in nearest(all_meshes(source), vertices, 5):
         data, surface = write_mesh(mesh, "ply"), TriaMesh(mesh.vertices, mesh.faces)
         ours, theirs = (
             partial(embedding_seconds, method, data, "ply"),
@@ -46,7 +52,7 @@ def matches(source: Source, vertices: int, repeats: int) -> list[dict[str, Any]]
     """Return times and ratios of matching pairs of one class and of two."""
     method = Pipeline(DEFAULT)
     rows = []
-    for (first, mesh), (second, other) in pairwise(chain(source, vertices, 4)):
+    for (first, mesh), (second, other) in pairwise(neighbours(source, vertices, 4)):
         one_of_many = match_steps(method.embed(mesh), method.embed(other), method)["one_of_many"]
         theirs = partial(functional_map, spectrum(mesh), spectrum(other))
         rows.append({"first": first, "second": second} | figures(one_of_many, theirs, "pyfmaps", repeats))

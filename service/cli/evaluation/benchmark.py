@@ -11,16 +11,16 @@ import typer
 
 from service.cli.evaluation.options import AsJson
 from service.console import print_table, progress
-from service.evaluation.archive_repository import originals
-from service.evaluation.benchmark_meshes import cell_of, read_source
 from service.evaluation.benchmark_method import (
     MANY,
+    digits,
     embedding_rows,
     growth_exponents,
     growth_rows,
     matching_rows,
 )
-from service.evaluation.benchmark_service import SIZES, ingesting_rows, searching_rows
+from service.evaluation.benchmark_service import SIZES, ingesting_rows, originals, searching_rows
+from service.evaluation.benchmark_shapes import read_source
 
 
 class Subject(StrEnum):
@@ -103,3 +103,20 @@ def benchmark_command(
     if "growth" in tables:
         seconds, memory = growth_exponents(tables["growth"])
         typer.echo(f"Growth: seconds as vertices^{seconds:.2f}, peak memory as vertices^{memory:.2f}.")
+
+
+def cell_of(value: object) -> str:
+    """Return a value of a benchmark as the cell of a table."""
+    match value:
+        case None:
+            return "all"
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return digits(value)
+        case int():
+            return f"{value:,}"
+        case dict():
+            return ", ".join(f"{name} {cell_of(part)}" for name, part in value.items())
+        case _:
+            return str(value)

@@ -10,24 +10,18 @@ from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from service.evaluation.archive_repository import shaken
-from service.evaluation.benchmark_meshes import (
-    NEAR,
-    Source,
-    Spread,
-    digits,
-    growth_exponent,
-    read_source,
-    resized,
-)
 from service.evaluation.benchmark_method import (
     MANY,
-    chain,
+    Spread,
+    digits,
+    growth_exponents,
     match_steps,
     matching_rows,
     measure_file,
+    neighbours,
 )
 from service.evaluation.benchmark_service import bound_to, processors
+from service.evaluation.benchmark_shapes import NEAR, nearest, read_source, resized, shaken
 from tests.core.shapes import icosphere
 
 
@@ -38,10 +32,12 @@ def test_a_spread_is_the_quartiles_with_three_digits():
     assert [digits(value) for value in (1234.5, 45.67, 0.012345, 0.0)] == ["1,234", "45.7", "0.0123", "0"]
 
 
-@pytest.mark.parametrize("power", [0.5, 1.3])
-def test_the_exponent_of_a_power_is_the_power(power):
-    sizes = (1_000, 20_000, 300_000)
-    assert growth_exponent(sizes, [1e-4 * size**power for size in sizes]) == pytest.approx(power)
+def test_the_exponent_of_a_power_is_the_power():
+    rows = [
+        {"format": "ply", "vertices": size, "seconds": Spread.of([1e-4 * size**1.3]), "peak_bytes": size**0.5}
+        for size in (1_000, 20_000, 300_000)
+    ]
+    assert growth_exponents([*rows, {"format": "stl"}]) == pytest.approx((1.3, 0.5))
 
 
 @pytest.mark.parametrize("vertices", [100, 642, 5000])
@@ -57,11 +53,12 @@ def test_a_folder_and_made_shapes_give_classes(tmp_path):
     for folder in ("Fourleg", "Human"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "a.obj").write_text(tetrahedron)
-    read = read_source(tmp_path)
-    assert [len(read.of(label)) for label in ("fourleg", "human", "fish")] == [1, 1, 0]
-    made = Source({"quadruped": [("large", icosphere(3)), ("small", icosphere(1))]})
-    assert len(made.of("fourleg")) == 2
-    assert [name for name, _ in made.nearest(40, 2)] == ["small", "large"]
+    assert {label: len(meshes) for label, meshes in read_source(tmp_path).items()} == {
+        "fourleg": 1,
+        "human": 1,
+    }
+    made = [("large", icosphere(3)), ("small", icosphere(1))]
+    assert [name for name, _ in nearest(made, 40, 2)] == ["small", "large"]
 
 
 def test_a_file_is_embedded_as_often_as_asked(tmp_path):
@@ -72,13 +69,13 @@ def test_a_file_is_embedded_as_often_as_asked(tmp_path):
     assert peak > 50 * 2**20
 
 
-def test_neighbours_of_the_chain_are_of_one_class_and_of_two_by_turns():
+def test_neighbours_are_of_one_class_and_of_two_by_turns():
     balls = [(f"ball {level}", icosphere(level)) for level in (1, 2, 3)]
     others = [(f"other {level}", icosphere(level)) for level in (4, 3)]
-    entries = chain(Source({"lone": balls[:1], "ball": balls, "other": others}), 600, 4)
+    entries = neighbours({"lone": balls[:1], "ball": balls, "other": others}, 600, 4)
     assert [name for name, _ in entries] == ["ball 3", "ball 2", "other 3", "other 4"]
     assert all(abs(len(mesh.vertices) - 600) <= NEAR * 600 for _, mesh in entries)
-    assert matching_rows(Source({"ball": balls[:1]}), repeats=1) == []
+    assert matching_rows({"ball": balls[:1]}, repeats=1) == []
 
 
 def test_every_step_of_a_match_takes_one_interval_of_a_clock_that_counts_its_readings(monkeypatch):
