@@ -17,7 +17,6 @@ from service.container import Container
 from service.duplicates import repository
 from service.duplicates.groups import Groups, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
-from service.index.repository import IndexEntries
 from service.index.signature_table import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
@@ -87,14 +86,14 @@ class ShapeJudge:
         index = measured.index_of(self.shape)
         if index is None:
             return None
-        embedding = int(measured.embeddings[index])
+        embedding = int(measured.entries.embeddings[index])
         record = search_repository.embedding_records(session, [embedding]).get(embedding)
         near = self._near(measured, index)
-        done = repository.judged(session, self.search, [self.shape, *measured.shapes[near].tolist()])
+        done = repository.judged(session, self.search, [self.shape, *measured.entries.shapes[near].tolist()])
         if self.shape in done:
             return None
-        near = near[np.isin(measured.shapes[near], list(done))]
-        numbers = [self.shape, *measured.shapes[near].tolist()]
+        near = near[np.isin(measured.entries.shapes[near], list(done))]
+        numbers = [self.shape, *measured.entries.shapes[near].tolist()]
         links = repository.links_among(session, self.search.fingerprint, numbers)
         return _Snapshot(measured, index, record or b"", near, links, repository.latest(session))
 
@@ -105,7 +104,7 @@ class ShapeJudge:
             near, most = possible_variants(invariants, index), NEAREST_VARIANTS
         else:
             near, most = possible_copies(invariants, index, self.search.max_residual), NEAREST
-        near = near[measured.collections[near] == self.collection]
+        near = near[measured.entries.collections[near] == self.collection]
         order = np.argsort(invariants.spectral_distances(index, near), kind="stable")
         return np.asarray(near[order[:most]])
 
@@ -114,7 +113,7 @@ class ShapeJudge:
         groups = Groups()
         for link in (*snapshot.links, *self._links):
             groups.join(link)
-        shapes = snapshot.measured.shapes
+        shapes = snapshot.measured.entries.shapes
         new = [index for index in snapshot.candidates if int(shapes[index]) not in self._considered]
         for start in range(0, len(new) if snapshot.record else 0, REGISTERED):
             batch = [
@@ -132,17 +131,8 @@ class ShapeJudge:
         """Return the candidates at some indices that have the wanted CC, in their order, each with its CC."""
         if not len(indices):
             return []
-        measured = snapshot.measured
-        entries = IndexEntries(
-            shapes=measured.shapes[indices],
-            collections=measured.collections[indices],
-            embeddings=measured.embeddings[indices],
-            signatures=measured.signatures[indices],
-            coarse_samples=np.empty((len(indices), 0), np.uint8),
-            view_signatures=np.empty((len(indices), 0), np.uint8),
-            reliabilities=np.full(len(indices), np.nan, np.float32),
-        )
-        candidates = Candidates(entries, shortlisted=False, stored=len(measured.shapes))
+        measured = snapshot.measured.entries
+        candidates = Candidates(measured.only(indices), shortlisted=False, stored=len(measured.shapes))
         query = Query(snapshot.record, active_pipeline=self.active_pipeline, excluded=frozenset([self.shape]))
         reader = CandidateReader(self.container, self.active_pipeline)
         matched = await Cascade(self.container, query, reader).score(candidates, len(indices))
@@ -183,7 +173,7 @@ class ShapeJudge:
             return self._surface
         index = snapshot.measured.index_of(number)
         assert index is not None
-        embedding = int(snapshot.measured.embeddings[index])
+        embedding = int(snapshot.measured.entries.embeddings[index])
 
         def read(session: ReadSession) -> Surface:
             records = search_repository.embedding_records(session, [embedding])
@@ -199,8 +189,10 @@ class ShapeJudge:
 
     def _store(self, session: WriteSession, snapshot: _Snapshot) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
-        search, shapes = self.search, snapshot.measured.shapes
-        if not repository.exists(session, self.shape, int(snapshot.measured.embeddings[snapshot.index])):
+        search, shapes = self.search, snapshot.measured.entries.shapes
+        if not repository.exists(
+            session, self.shape, int(snapshot.measured.entries.embeddings[snapshot.index])
+        ):
             return True
         newer = repository.judged_since(session, search, snapshot.latest) - {self.shape}
         near = set(shapes[self._near(snapshot.measured, snapshot.index)].tolist())

@@ -61,8 +61,9 @@ class IndexEntries:
         return sum(array.nbytes for array in self.arrays)
 
     def without_samples(self) -> "IndexEntries":
-        """Return the entries without their coarse samples."""
-        return replace(self, coarse_samples=np.empty((len(self.shapes), 0), np.uint8))
+        """Return the entries without their coarse samples and view signatures, which shortlists need."""
+        nothing = np.empty((len(self.shapes), 0), np.uint8)
+        return replace(self, coarse_samples=nothing, view_signatures=nothing)
 
     def only(self, rows: NDArray[np.integer] | NDArray[np.bool_] | slice) -> "IndexEntries":
         """Return the entries at some indices, or those that a mask selects, as copies; or a slice of them."""

@@ -118,26 +118,16 @@ def _widened(entries: IndexEntries, others: IndexEntries) -> IndexEntries:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredShapes:
-    """Shapes with an embedding by one pipeline, by number ascending.
+    """Shapes that one pipeline has embedded, by number ascending, without samples, and their invariants."""
 
-    Attributes
-    ----------
-    shapes, collections, embeddings : int64, shape (n,)
-        Numbers of the shapes, of their collections and of their embeddings.
-    signatures : float32, shape (n, s)
-    invariants : Invariants
-    """
-
-    shapes: NDArray[np.int64]
-    collections: NDArray[np.int64]
-    embeddings: NDArray[np.int64]
-    signatures: NDArray[np.float32]
+    entries: IndexEntries
     invariants: Invariants
 
     def index_of(self, shape: int) -> int | None:
         """Return the index of a shape; None if it is not there."""
-        index = int(np.searchsorted(self.shapes, shape))
-        return index if index < len(self.shapes) and self.shapes[index] == shape else None
+        shapes = self.entries.shapes
+        index = int(np.searchsorted(shapes, shape))
+        return index if index < len(shapes) and shapes[index] == shape else None
 
 
 class SurfaceMeasurements:
@@ -173,9 +163,9 @@ class SurfaceMeasurements:
             self._facts = {number: facts for number, facts in self._facts.items() if number in stored}
         order = np.argsort(entries.shapes)
         order = order[[number in self._facts for number in entries.shapes[order].tolist()]]
-        shapes = entries.shapes[order]
-        facts = np.array([self._facts[number] for number in shapes.tolist()]).reshape(len(shapes), 5)
-        signatures = entries.signatures[order]
+        entries = entries.without_samples().only(order)
+        facts = np.array([self._facts[number] for number in entries.shapes.tolist()])
+        facts, signatures = facts.reshape(len(order), 5), entries.signatures
         values = max(signatures.shape[1] - GLOBAL_DESCRIPTORS, 0)
         invariants = Invariants(
             eigenvalues=signatures[:, :values],
@@ -184,9 +174,7 @@ class SurfaceMeasurements:
             extents=facts[:, 1:4],
             closed=facts[:, 4] > 0.0,
         )
-        return MeasuredShapes(
-            shapes, entries.collections[order], entries.embeddings[order], signatures, invariants
-        )
+        return MeasuredShapes(entries, invariants)
 
 
 def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:

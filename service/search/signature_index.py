@@ -67,7 +67,7 @@ class MemoryIndex:
     ) -> tuple[IndexEntries, bool]:
         """Return the shapes that match a filter, without the query itself, and whether they are a shortlist.
 
-        All of them, without their coarse samples, unless there are enough for a shortlist. `stored` is the
+        All of them, without their samples, unless there are enough for a shortlist. `stored` is the
         number of shapes in the collection; the number of those without an embedding is logged.
         """
         table = self.table.current(session)
