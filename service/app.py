@@ -42,7 +42,7 @@ from service.previews.endpoints import router as pictures_router
 from service.search.caches import CacheWarmer
 from service.search.compare import router as compare_router
 from service.search.endpoints import router as search_router
-from service.settings import Settings, load_parameters, load_settings
+from service.settings import Settings, load_parameters
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
 from service.shapes.service import keep_purging
@@ -141,11 +141,6 @@ def create_app(settings: Settings) -> FastAPI:
     handle_problems(app)
     describe(app, {PARAMETER: CHOOSING_PROBLEMS})
     return app
-
-
-def app_from_environment() -> FastAPI:
-    """Return the application with the settings of the environment, for `uvicorn --factory`."""
-    return create_app(load_settings())
 
 
 def openapi_document() -> dict[str, Any]:

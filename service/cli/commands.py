@@ -20,9 +20,6 @@ from service.errors import ExpectedError, ServiceError
 
 Group = Literal["Use", "Archive", "Research"]
 
-LONGEST_SUMMARY = 60
-"""Characters of a summary at most: it then fits on one line of a terminal of 80 columns."""
-
 
 @dataclass(frozen=True)
 class Command:

@@ -18,7 +18,7 @@ from service.cli.archives import bring_up
 from service.cli.serve import compile_with_bar
 from service.cli.service_address import Key
 from service.client import Client
-from service.client.concurrent_uploads import Item, upload_all
+from service.client.clients import Item, upload_all
 from service.compute.compilation import is_compiled
 from service.console import fail, output, progress, say, table
 from service.report import SIZE, Preview, matched

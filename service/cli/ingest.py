@@ -13,7 +13,7 @@ from rich.progress import Progress
 from core.io import readable
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, ProblemError, Upload
-from service.client.concurrent_uploads import AT_ONCE, Item, upload_all
+from service.client.clients import AT_ONCE, Item, upload_all
 from service.console import fail, output, progress, say
 from service.datasets import DatasetError, MeshFile, find_meshes, read_table
 from service.http.problem_document import TYPE_PREFIX, Cause, faults_of

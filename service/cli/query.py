@@ -1,14 +1,13 @@
 """`isoshape query`: the stored shapes most similar to a file."""
 
 import inspect
-from collections.abc import Callable, Set
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
 from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.console import Console
 from rich.table import Table
@@ -25,42 +24,31 @@ from service.search.schemas import (
 )
 from service.shapes.schemas import box_in_words, number_in_words, volume_in_words
 
+UNOFFERED = {"correspondences", "embedding"}
+"""Options of a search that the command does not have."""
 
-def options_of(
-    model: type[BaseModel], *, without: Set[str] = frozenset(), **defaults: object
-) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that gives a command an option for each field of a model.
 
-    Names, types, bounds and descriptions are those of the fields. The command receives the options that are
-    set, as a dict `options`; what the user leaves out has the default of the model.
+def with_search_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command an option for each field of `SearchOptions`: its name, type, bounds and description.
 
-    Parameters
-    ----------
-    model : type of model
-    without : set of str
-        Fields that are no options.
-    **defaults
-        Defaults of the command, where they are not those of the model.
+    The command receives the options that are set, as a dict `options`; what the user leaves out has the
+    default of the model, but for the ranking.
     """
-    fields = {name: field for name, field in model.model_fields.items() if name not in without}
+    fields = {name: field for name, field in SearchOptions.model_fields.items() if name not in UNOFFERED}
+    signature = inspect.signature(command)
+    own = [parameter for name, parameter in signature.parameters.items() if name != "options"]
+    made = [_option(name, field, "combined" if name == "rank_by" else None) for name, field in fields.items()]
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        signature = inspect.signature(command)
-        own = [parameter for name, parameter in signature.parameters.items() if name != "options"]
-        made = [_option(name, field, defaults.get(name)) for name, field in fields.items()]
+    @wraps(command)
+    def wrapped(**arguments: Any) -> None:  # noqa: ANN401
+        given = {name: arguments.pop(name) for name in fields}
+        options = {name: value for name, value in given.items() if value not in (None, [])}
+        command(**arguments, options=options)
 
-        @wraps(command)
-        def wrapped(**arguments: Any) -> None:  # noqa: ANN401
-            given = {name: arguments.pop(name) for name in fields}
-            options = {name: value for name, value in given.items() if value not in (None, [])}
-            command(**arguments, options=options)
-
-        parameters = sorted([*own, *made], key=lambda parameter: parameter.kind)
-        wrapped.__dict__["__signature__"] = signature.replace(parameters=parameters)
-        wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-        return wrapped
-
-    return decorate
+    parameters = sorted([*own, *made], key=lambda parameter: parameter.kind)
+    wrapped.__dict__["__signature__"] = signature.replace(parameters=parameters)
+    wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return wrapped
 
 
 def _option(name: str, field: FieldInfo, default: object) -> inspect.Parameter:
@@ -97,7 +85,7 @@ def _plain_type(annotation: Any) -> Any:  # noqa: ANN401
 UNASKED = {"results": {"__all__": {"correspondence"}}}
 
 
-@options_of(SearchOptions, without={"correspondences", "embedding"}, rank_by="combined")
+@with_search_options
 def query_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
     *,

@@ -35,5 +35,5 @@ __all__ = [
     "UnreachableError",
     "Upload",
     "calls",
-    "concurrent_uploads",
+    "clients",
 ]

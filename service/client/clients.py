@@ -1,21 +1,26 @@
-"""The two clients: one that waits for each answer, and one whose answers are awaited."""
+"""The two clients, one that waits for each answer and one whose answers are awaited; and many uploads."""
 
 import asyncio
 import inspect
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import update_wrapper
 from itertools import count
-from typing import Any, Generic, ParamSpec, Self, TypeVar, overload
+from pathlib import Path
+from typing import Any, Generic, Literal, ParamSpec, Self, TypeVar, overload
 
 import httpx
 
 from service.client import calls
+from service.client.calls import Upload
 from service.client.requests import (
     NO_ANSWER,
     TIMEOUT,
     Call,
+    ProblemError,
     Step,
     UnreachableError,
     headers_with,
@@ -252,3 +257,59 @@ class AsyncClient(_Methods):
             call = step.more
             if call is not None and step.seconds:
                 await asyncio.sleep(step.seconds)
+
+
+# Enough to keep the workers of a small machine busy while files are read and sent.
+AT_ONCE = 4
+
+
+@dataclass(frozen=True)
+class Item:
+    """A mesh to store: the path of its file or its bytes, with its tags and metadata.
+
+    `split` is that of `Client.upload`.
+    """
+
+    name: str
+    data: bytes | Path
+    tags: tuple[str, ...]
+    metadata: Mapping[str, str] | None = None
+    split: Literal["parts"] | None = None
+
+    @property
+    def origin(self) -> str:
+        """The name of the mesh in messages."""
+        return str(self.data) if isinstance(self.data, Path) else self.name
+
+
+def upload_all(
+    client: Client, items: Sequence[Item], at_once: int = AT_ONCE
+) -> Iterator[tuple[Item, Upload | str]]:
+    """Yield each item with its upload or the cause of its refusal, in the order in which the uploads end.
+
+    If the service is gone, no further upload begins.
+
+    Raises
+    ------
+    ClientError
+        The service does not answer, or gives an unexpected answer.
+    """
+    pool = ThreadPoolExecutor(at_once)
+    try:
+        futures: dict[Future[Upload | str], Item] = {
+            pool.submit(_upload, client, item): item for item in items
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _upload(client: Client, item: Item) -> Upload | str:
+    try:
+        data = item.data.read_bytes() if isinstance(item.data, Path) else item.data
+        return client.upload((item.name, data), tags=item.tags, metadata=item.metadata, split=item.split)
+    except ProblemError as error:
+        return f"{error.kind}: {error.problem.detail}"
+    except OSError as error:
+        return error.strerror or str(error)

@@ -9,7 +9,7 @@ from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol, TypeVar, TypeVarTuple
+from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple, Union
 
 from starlette.concurrency import run_in_threadpool
 
@@ -21,7 +21,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.compute import sandbox
 from service.compute.compilation import COMPILING_SECONDS, is_compiled, warm_once_compiled
-from service.compute.pool import LocalPool, WorkerCounts
+from service.compute.pool import LocalPool
 from service.compute.processes import START_SECONDS
 from service.compute.sandbox import (
     PartFile,
@@ -48,23 +48,11 @@ from service.settings import Settings
 log = get_logger("compute")
 
 
-class Executor(Protocol):
-    """Runs tasks in other processes, reports its state and can be stopped at once."""
+if TYPE_CHECKING:
+    from service.compute.cluster import ClusterPool
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:  # noqa: ANN401
-        """Call `fn(*args)` in a worker. Function, arguments and result must pickle."""
-
-    def ready(self) -> bool:
-        """Return whether a worker is available."""
-
-    def pids(self) -> list[int]:
-        """Return the process ids of the warm workers, each on its machine."""
-
-    def counts(self) -> WorkerCounts:
-        """Return the numbers of workers by their state, and of waiting tasks."""
-
-    def kill(self) -> None:
-        """Shut down at once, without waiting for running tasks."""
+Executor = Union[LocalPool, "ClusterPool"]
+"""Runs tasks in other processes, reports its state and can be stopped at once."""
 
 
 def start_executors(

@@ -17,7 +17,7 @@ from service.http.request_bodies import once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
-from service.shapes.listing import Filters
+from service.shapes.schemas import Filters
 
 MEDIA_TYPE = "text/csv"
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from core.errors import BadRecordError, MeshError
 from core.registration.invariants import possible_copies, possible_variants
-from core.registration.rigid_copy import RigidCopy
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import repository
@@ -157,7 +156,8 @@ class ShapeJudge:
             log.warning("two shapes cannot be aligned: %s", error)
             return
         if copy is not None and copy.residual <= self.search.max_residual:
-            link = _link(first, second, cc, copy)
+            variant = copy.difference is not None
+            link = Link(first, second, cc, copy.residual, copy.scale, copy.mirrored, variant)
             groups.join(link)
             self._links.append(link)
 
@@ -206,8 +206,3 @@ class ShapeJudge:
         links = [link for link in self._links if {link.first, link.second} <= present]
         repository.write(session, search, self.shape, links, compared=self._compared, aligned=self._aligned)
         return True
-
-
-def _link(first: int, second: int, cc: float, copy: RigidCopy) -> Link:
-    variant = copy.difference is not None
-    return Link(first, second, cc, copy.residual, copy.scale, mirrored=copy.mirrored, variant=variant)

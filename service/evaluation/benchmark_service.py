@@ -17,7 +17,7 @@ from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.client import Client
-from service.client.concurrent_uploads import Item, upload_all
+from service.client.clients import Item, upload_all
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import ready_to_store
 from service.evaluation.benchmark_method import Spread, all_meshes

@@ -21,7 +21,7 @@ from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
 from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
 from service.shapes.fields import base_name
-from service.shapes.listing import read_cursor
+from service.shapes.schemas import read_cursor
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255

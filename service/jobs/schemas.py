@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.http.problem_document import Cause
-from service.shapes.listing import Page
+from service.shapes.schemas import Page
 
 if TYPE_CHECKING:
     from service.storage.tables import JobFileRow, JobRow

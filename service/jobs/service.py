@@ -21,7 +21,7 @@ from service.jobs import repository
 from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
 from service.jobs.zip_archive import MalformedArchiveError, MemberError, MemberFault, ZipArchive
 from service.settings import Settings
-from service.shapes.listing import write_cursor
+from service.shapes.schemas import write_cursor
 from service.storage.database import Database, ReadSession
 from service.storage.sqlite import path_of, put_in_place
 from service.storage.tables import JobFileRow, JobRow

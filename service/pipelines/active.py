@@ -11,7 +11,7 @@ from service.index.cache import COLLECTIONS, POINTS_BYTES, CollectionSample, Emb
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
-from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.database import Database, ReadSession
 from service.storage.postgresql import ensure_hnsw
 
 log = get_logger("pipelines")
@@ -52,21 +52,6 @@ class Pipelines:
         self._room = room
         self._lock = threading.Lock()
         self._active: ActivePipeline | None = None
-
-    def begin(self, session: WriteSession) -> None:
-        """Adopt the active pipeline of the archive, or activate the wanted one if the archive is empty.
-
-        Raises
-        ------
-        PipelineUnavailableError
-            This version of the service does not have the active pipeline.
-        """
-        fingerprint = repository.active(session)
-        if fingerprint is None or repository.is_empty(session):
-            repository.keep(session, self.wanted)
-            if fingerprint != self.wanted.fingerprint:
-                repository.activate(session, self.wanted.fingerprint)
-        self.current(session)
 
     def current(self, session: ReadSession) -> ActivePipeline:
         """Return the active pipeline, as the session sees it.
@@ -120,25 +105,30 @@ def fingerprint(session: ReadSession) -> str:
 
 
 def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -> None:
-    """Adopt the active pipeline of the archive, and log a warning if the settings name another one.
+    """Adopt the active pipeline of the archive, or activate the wanted one if the archive is empty.
 
-    The HNSW index of signatures is built if it is missing or has other parameters. With `in_memory`, the
-    signatures are read into memory.
+    A warning is logged if the settings name another pipeline. The HNSW index of signatures is built if it is
+    missing or has other parameters. With `in_memory`, the signatures are read into memory.
 
     Raises
     ------
     PipelineUnavailableError
         This version of the service does not have the active pipeline.
     """
+    wanted = pipelines.wanted
     with database.write() as session:
-        pipelines.begin(session)
-        ensure_hnsw(session, fingerprint(session))
+        active = repository.active(session)
+        if active is None or repository.is_empty(session):
+            repository.keep(session, wanted)
+            if active != wanted.fingerprint:
+                repository.activate(session, wanted.fingerprint)
+        ensure_hnsw(session, pipelines.current(session).fingerprint)
     with database.read() as session:
         active_pipeline = pipelines.current(session)
         if in_memory:
             active_pipeline.index.current(session)
         embedded, files = repository.count_embedded(session, active_pipeline.fingerprint)
-    parameters, wanted = active_pipeline.pipeline.parameters, pipelines.wanted
+    parameters = active_pipeline.pipeline.parameters
     fields: dict[str, object] = {"pipeline": parameters.name, "fingerprint": parameters.fingerprint}
     log.info("the active pipeline of the archive", extra={"fields": fields})
     if parameters.fingerprint != wanted.fingerprint:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import aliased
 from core.errors import ParameterError
 from core.parameters import METHOD_VERSION, Parameters
 from service.errors import PipelineUnavailableError
+from service.index.repository import OF_SHAPE
 from service.storage.checksums import pipeline_checksum, whole_file
 from service.storage.database import ReadSession, WriteSession, next_revision
 from service.storage.tables import (
@@ -91,12 +92,7 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
     """Return the files that a pipeline has not embedded, oldest first, as pairs of blob number and format."""
     query = (
         select(ShapeRow.blob_number, ShapeRow.format)
-        .outerjoin(
-            EmbeddingRow,
-            (EmbeddingRow.blob_number == ShapeRow.blob_number)
-            & (EmbeddingRow.format == ShapeRow.format)
-            & (EmbeddingRow.fingerprint == fingerprint),
-        )
+        .outerjoin(EmbeddingRow, OF_SHAPE & (EmbeddingRow.fingerprint == fingerprint))
         .where(EmbeddingRow.number.is_(None), NOT_DELETED)
         .distinct()
         .order_by(ShapeRow.blob_number, ShapeRow.format)

@@ -24,8 +24,7 @@ from service.search.answer import (
 )
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.endpoints import MeshUpload, ShapeId
-from service.shapes.listing import Filters
-from service.shapes.schemas import SHAPE
+from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
 

@@ -12,9 +12,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness
 from service.collection import CollectionNumber
 from service.shapes.fields import split_tags
-from service.shapes.listing import Filters
 from service.shapes.records import ShapeFilter
-from service.shapes.schemas import SHAPE, EmbeddingArrays, Shape
+from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, Shape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Match

@@ -5,7 +5,6 @@ __all__ = [
     "fields",
     "file_endpoints",
     "file_repository",
-    "listing",
     "records",
     "reembedding",
     "repository",

@@ -11,7 +11,6 @@ from pydantic import (
     ConfigDict,
     Field,
     Json,
-    ValidationInfo,
     WithJsonSchema,
 )
 
@@ -39,9 +38,17 @@ from service.shapes.fields import (
     base_name,
     clean_name,
 )
-from service.shapes.listing import Filters, read_cursor, read_position
 from service.shapes.records import NewShape, Sort
-from service.shapes.schemas import Assembly, DeletedShapePage, Shape, ShapeChanges, ShapePage
+from service.shapes.schemas import (
+    Assembly,
+    DeletedShapePage,
+    Filters,
+    Shape,
+    ShapeChanges,
+    ShapePage,
+    read_cursor,
+    read_position,
+)
 
 _ALWAYS, _EXTRA = (
     [ending for known in FORMATS.values() if bool(known.package) == extra for ending in known.endings]
@@ -59,17 +66,9 @@ MeshFile = Annotated[
 ]
 
 
-def _named_after_file(name: object, info: ValidationInfo) -> object:
-    return name or base_name(info.data["file"].filename or "")
-
-
-def _empty_object(text: object) -> object:
-    return text or "{}"
-
-
 FormName = Annotated[
     str,
-    BeforeValidator(_named_after_file),
+    BeforeValidator(lambda name, info: name or base_name(info.data["file"].filename or "")),
     AfterValidator(clean_name),
     Field(
         default_factory=str,
@@ -88,7 +87,7 @@ FormTags = Annotated[
 ]
 FormMetadata = Annotated[
     Json[Metadata],
-    BeforeValidator(_empty_object),
+    BeforeValidator(lambda text: text or "{}"),
     WithJsonSchema({"type": "string", "contentMediaType": "application/json"}),
     Field(
         default_factory=dict,

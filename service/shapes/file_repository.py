@@ -8,6 +8,7 @@ from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
+from service.index.repository import OF_SHAPE
 from service.shapes.records import StoredEmbedding
 from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
@@ -180,8 +181,4 @@ def store_thumbnail(
 
 def is_its_embedding(fingerprint: str | ScalarSelect[str | None]) -> Any:  # noqa: ANN401
     """Return the condition that an embedding is that of a shape by a pipeline."""
-    return (
-        (EmbeddingRow.blob_number == ShapeRow.blob_number)
-        & (EmbeddingRow.format == ShapeRow.format)
-        & (EmbeddingRow.fingerprint == fingerprint)
-    )
+    return OF_SHAPE & (EmbeddingRow.fingerprint == fingerprint)

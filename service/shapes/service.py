@@ -33,7 +33,6 @@ from service.observability.metrics import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
 from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
-from service.shapes.listing import write_cursor
 from service.shapes.records import (
     FileKey,
     NewFile,
@@ -52,6 +51,7 @@ from service.shapes.schemas import (
     Shape,
     ShapeChanges,
     ShapePage,
+    write_cursor,
 )
 from service.storage.database import Database, ReadSession, WriteSession
 

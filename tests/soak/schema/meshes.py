@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from service.collection import DEFAULT_COLLECTION
 from service.collections.endpoints import HEADER, PARAMETER
-from service.shapes.listing import write_cursor
+from service.shapes.schemas import write_cursor
 from tests.core.io.files import PLAIN
 from tests.service.jobs.support import pack
 from tests.service.support import small_file
