@@ -23,7 +23,7 @@ from service.settings import Settings, load_parameters, load_settings
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
 from service.storage.backup import back_up, restore
 from service.storage.checking import CheckReport, check
-from service.storage.copying import CopyCounts, copy_archive
+from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.migrate import migrate
 from service.storage.sqlite import path_of
@@ -41,7 +41,7 @@ def print_counts(report: CheckReport) -> None:
         _print(f"pipeline {fingerprint}: {count} embeddings")
 
 
-def _counts(of: CheckReport | CopyCounts) -> str:
+def _counts(of: CheckReport) -> str:
     return f"{of.shapes} shapes on {of.blobs} files of {of.bytes} bytes, {of.embeddings} embeddings"
 
 

@@ -25,7 +25,6 @@ from service.compute.pool import LocalPool
 from service.compute.processes import START_SECONDS
 from service.compute.sandbox import (
     PartFile,
-    ReadMesh,
     largest_size,
     mesh_from_bytes,
     parts_from_bytes,
@@ -202,10 +201,10 @@ class RequestQueue:
     async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
         with _at_fault():
-            read = await self._reading(data, format)
-            task = self.executor.submit(embed_mesh, read.mesh, pipeline.parameters, read.milliseconds)
+            mesh, milliseconds = await self._reading(data, format)
+            task = self.executor.submit(embed_mesh, mesh, pipeline.parameters, milliseconds)
             # The mesh goes once a worker has it.
-            del read
+            del mesh
             return await asyncio.wrap_future(task)
 
     async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
@@ -223,7 +222,7 @@ class RequestQueue:
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
         with _at_fault():
-            return (await self._reading(data, format)).mesh
+            return (await self._reading(data, format))[0]
 
     async def parts(self, data: bytes, format: str) -> list[PartFile]:
         """Read the distinct parts of an assembly; none if the file has one part only."""
@@ -236,7 +235,7 @@ class RequestQueue:
         with _at_fault():
             return await asyncio.wrap_future(self.executor.submit(function, *arguments))
 
-    async def _reading(self, data: bytes, format: str) -> ReadMesh:
+    async def _reading(self, data: bytes, format: str) -> tuple[Mesh, float]:
         return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))
 
     async def _from_reader(

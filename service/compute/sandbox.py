@@ -99,7 +99,7 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     start = time.perf_counter()
     with _converting(format):
         mesh = read_mesh(data, format, limits=limits)
-    return mesh_to_bytes(ReadMesh(mesh, 1e3 * (time.perf_counter() - start)))
+    return mesh_to_bytes(mesh, 1e3 * (time.perf_counter() - start))
 
 
 def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
@@ -242,14 +242,6 @@ def allow_calls(*, opening: bool) -> bool:
 _ABOUT = "about"
 
 
-@dataclass(frozen=True)
-class ReadMesh:
-    """A mesh, and the wall time of reading it in milliseconds."""
-
-    mesh: Mesh
-    milliseconds: float
-
-
 def largest_size(limits: Limits) -> int:
     """Return the most bytes of `mesh_to_bytes`: three numbers of 64 bits for each vertex and face, and names.
 
@@ -258,18 +250,18 @@ def largest_size(limits: Limits) -> int:
     return 24 * (max(limits.vertices, 3 * limits.faces) + limits.faces) + 64 * 1024
 
 
-def mesh_to_bytes(read: ReadMesh) -> bytes:
-    """Return the bytes that `mesh_from_bytes` reads."""
+def mesh_to_bytes(mesh: Mesh, milliseconds: float) -> bytes:
+    """Return the bytes that `mesh_from_bytes` reads: a mesh, and the wall time of reading it."""
     arrays = {
-        "vertices": np.ascontiguousarray(read.mesh.vertices, dtype=np.float64),
-        "faces": np.ascontiguousarray(read.mesh.faces, dtype=np.int64),
-        "milliseconds": np.array([read.milliseconds]),
+        "vertices": np.ascontiguousarray(mesh.vertices, dtype=np.float64),
+        "faces": np.ascontiguousarray(mesh.faces, dtype=np.int64),
+        "milliseconds": np.array([milliseconds]),
     }
     return bytes(save(arrays))
 
 
-def mesh_from_bytes(data: bytes) -> ReadMesh:
-    """Return the mesh that an untrusted process has read, checked as any mesh.
+def mesh_from_bytes(data: bytes) -> tuple[Mesh, float]:
+    """Return the mesh that an untrusted process has read, checked as any mesh, and the time in milliseconds.
 
     Raises
     ------
@@ -281,7 +273,7 @@ def mesh_from_bytes(data: bytes) -> ReadMesh:
         vertices, faces, milliseconds = (arrays[name] for name in ("vertices", "faces", "milliseconds"))
         if vertices.dtype != np.float64 or faces.dtype != np.int64:
             raise TypeError("arrays of another type")
-        return ReadMesh(Mesh(vertices, faces), float(milliseconds.item()))
+        return Mesh(vertices, faces), float(milliseconds.item())
     except (SafetensorError, CoreError, KeyError, TypeError, ValueError) as error:
         raise MalformedMeshError("a reader returned no mesh") from error
 

@@ -33,7 +33,6 @@ from service.search.schemas import (
     Result,
     SearchOptions,
     pairs,
-    relation_fields,
     score_in_words,
 )
 from service.search.scoring import Cascade, class_log_odds, find_candidates, nearest_wholes
@@ -319,8 +318,8 @@ async def _likened(container: Container, query: Query, best: _BestResult) -> Res
         cc=best.result.cc,
         probability=best.probability,
     )
-    size = {} if relation.scale is None else {"size_ratio": relation.scale}
-    return best.result.model_copy(update={**relation_fields(relation), **size})
+    size_ratio = relation["scale"] or best.result.size_ratio
+    return best.result.model_copy(update={**relation, "size_ratio": size_ratio})
 
 
 async def _unit_warnings(

@@ -36,7 +36,7 @@ from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest,
 from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
-from service.search.schemas import pairs, relation_fields
+from service.search.schemas import pairs
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
@@ -192,7 +192,7 @@ async def _compare(
             ssd=match.ssd,
             sim=match.sim,
             combined=combined,
-            **relation_fields(relation),
+            **relation,
             correspondence=pairs(match, first.embedding, second.embedding),
             pipeline=pipeline.fingerprint,
             milliseconds=timings.so_far(),

@@ -3,6 +3,7 @@
 import asyncio
 import math
 from functools import partial
+from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
@@ -17,7 +18,8 @@ from service.compute import tasks
 from service.container import Container
 from service.errors import ServiceError
 from service.observability.logging import get_logger
-from service.search.records import Relation, Surface, once
+from service.search.records import Surface, once
+from service.search.schemas import LocalDifference
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.storage.database import ReadSession
@@ -60,8 +62,8 @@ async def relation_of(
     spectral: float,
     cc: float,
     probability: float,
-) -> Relation:
-    """Return the relation of a second surface to a first one.
+) -> dict[str, Any]:
+    """Return the fields of `PairScores` that tell the relation of a second surface to a first one.
 
     Surfaces are registered only if the distance of their log eigenvalues (`spectral`) and their areas allow a
     copy. A surface is no copy if it is None, cannot be read, or is deleted meanwhile. `probability` is their
@@ -73,15 +75,17 @@ async def relation_of(
             copy = await find_copy(container, first, second, parameters, most_faces=MOST_FACES)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
+    scale = None if copy is None else copy.scale
     kind = likeness(
         spectral=spectral,
         cc=cc,
         probability=probability,
-        scale=None if copy is None else copy.scale,
+        scale=scale,
         mirrored=copy is not None and copy.mirrored,
         variant=copy is not None and copy.difference is not None,
     )
-    return Relation(kind) if copy is None else Relation(kind, copy.scale, copy.difference)
+    difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
+    return {"likeness": kind, "scale": scale, "difference": difference}
 
 
 async def find_copy(

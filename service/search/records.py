@@ -1,4 +1,4 @@
-"""A query, its candidates and their scores, and the relation of two shapes."""
+"""A query, its candidates and their scores."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
@@ -12,9 +12,7 @@ from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_signature
 from core.embedding import Embedding
 from core.mesh.mesh import Mesh
-from core.ranking.likeness import Likeness
 from core.ranking.local_density import LocalDensities
-from core.registration.rigid_copy import Difference
 from core.serialization import embedding_from_bytes
 from service.index.cache import CollectionSample
 from service.index.repository import IndexEntries
@@ -130,16 +128,3 @@ class MatchedCandidates:
             self.sim[indices],
             None if self.log_odds is None else self.log_odds[indices],
         )
-
-
-@dataclass(frozen=True)
-class Relation:
-    """The likeness of a second shape to a first one.
-
-    `scale` is length in the second shape over length in the first, if the second is a rigid copy or a
-    variant; `difference` is where a variant differs.
-    """
-
-    likeness: Likeness
-    scale: float | None = None
-    difference: Difference | None = None

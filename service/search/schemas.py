@@ -17,7 +17,6 @@ from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, Shape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Match
-    from service.search.records import Relation
 
 RankBy = Literal["cc", "ssd", "sim", "combined"]
 """The scores that results can be sorted by."""
@@ -341,12 +340,6 @@ class MapAnswer(BaseModel):
         description="The number of shapes that pass the filter. The map has at most "
         f"{MOST_MAPPED:,} of them, chosen evenly by age."
     )
-
-
-def relation_fields(relation: "Relation") -> dict[str, Any]:
-    """Return the fields of `PairScores` that tell the relation of two shapes."""
-    difference = relation.difference and LocalDifference.model_validate(relation.difference)
-    return {"likeness": relation.likeness, "scale": relation.scale, "difference": difference}
 
 
 def pairs(match: "Match", first: "Embedding", second: "Embedding") -> list[Pair]:

@@ -2,14 +2,13 @@
 
 from typing import Any
 
-from sqlalchemy import ScalarSelect, select
+from sqlalchemy import Row, ScalarSelect, select
 
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.index.repository import OF_SHAPE
-from service.shapes.records import StoredEmbedding
 from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.postgresql import ensure_hnsw
@@ -49,8 +48,8 @@ def file_of(
 
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> StoredEmbedding:
-    """Return the embedding of a shape by one pipeline.
+) -> Row[int, int | None, bytes, str]:
+    """Return the embedding of a shape by one pipeline: number of the `shape`, own `number`, and `record`.
 
     Raises
     ------
@@ -75,7 +74,7 @@ def embedding_of(
         raise NotEmbeddedError(shape_id)
     if not is_whole(row.record, row.checksum):
         raise BadRecordError(f"embedding {row.number} does not have its checksum")
-    return StoredEmbedding(row.shape, row.number, row.record)
+    return row
 
 
 def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str) -> bool:

@@ -78,15 +78,6 @@ class StoredFile:
 
 
 @dataclass(frozen=True)
-class StoredEmbedding:
-    """The embedding of a shape by one pipeline: the shape's number, its own number, and its record."""
-
-    shape: int
-    number: int
-    record: bytes
-
-
-@dataclass(frozen=True)
 class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 

@@ -7,7 +7,6 @@ and compared with the source.
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -16,6 +15,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import Connection, LargeBinary, Row, Table, func, insert, inspect, select, text
 
 from service.errors import ArchiveError
+from service.storage.checking import CheckReport
 from service.storage.columns import POSTGRESQL
 from service.storage.database import Database
 from service.storage.migrate import check_known, migrate
@@ -40,18 +40,8 @@ _TABLES = ArchiveTable.metadata
 Advance = Callable[[str, int, int], object]
 
 
-@dataclass(frozen=True)
-class CopyCounts:
-    """Numbers of copied shapes, blobs and embeddings, and the total size of the blobs."""
-
-    shapes: int
-    blobs: int
-    embeddings: int
-    bytes: int
-
-
-def copy_archive(source: Database, target: Database, advance: Advance) -> CopyCounts:
-    """Copy a whole archive into another database, which must be empty.
+def copy_archive(source: Database, target: Database, advance: Advance) -> CheckReport:
+    """Copy a whole archive into another database, which must be empty; return the numbers of what is copied.
 
     The copy shows one moment. Other processes may write to a PostgreSQL source meanwhile; writers to an
     SQLite source wait.
@@ -101,7 +91,7 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> CopyCo
             for row in (BlobRow, EmbeddingRow)
         )
         total = copy.execute(select(func.sum(BlobRow.size))).scalar_one()
-        return CopyCounts(shapes, blobs, embeddings, int(total or 0))
+        return CheckReport(shapes, blobs, embeddings, int(total or 0))
 
 
 def _check_source(origin: Connection) -> None:

@@ -24,12 +24,12 @@ from safetensors.numpy import save
 
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
 from core.io import DEFAULT_LIMITS, FORMATS, Limits, read_mesh, read_parts
+from core.mesh.mesh import Mesh
 from service.compute import processes, sandbox
 from service.compute.pool import MEMORY_BYTES, LocalPool
 from service.compute.request_queue import _log_confinement
 from service.compute.sandbox import (
     PartFile,
-    ReadMesh,
     largest_size,
     mesh_from_bytes,
     mesh_to_bytes,
@@ -61,7 +61,7 @@ def readers() -> Iterator[LocalPool]:
         yield pool
 
 
-def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> ReadMesh:
+def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> tuple[Mesh, float]:
     return mesh_from_bytes(pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result())
 
 
@@ -73,11 +73,11 @@ ENDLESS = step_box().replace(b"(0.0,0.0,0.0)", b"(NaN,1E999,0.0)")
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> None:
     data = FILES[format]
-    readable = read(readers, data, format)
+    mesh, milliseconds = read(readers, data, format)
     here = read_mesh(data, format)
-    assert np.array_equal(readable.mesh.vertices, here.vertices)
-    assert np.array_equal(readable.mesh.faces, here.faces)
-    assert readable.milliseconds > 0
+    assert np.array_equal(mesh.vertices, here.vertices)
+    assert np.array_equal(mesh.faces, here.faces)
+    assert milliseconds > 0
 
 
 def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
@@ -87,7 +87,7 @@ def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
     for part, expected in zip(found, here, strict=True):
         assert (part.name, part.path, part.instances) == (expected.name, expected.path, expected.instances)
         assert np.array_equal(read_mesh(part.data, "3mf").vertices, expected.mesh.vertices)
-    assert read(readers, small_file(0), "off").mesh is not None
+    assert read(readers, small_file(0), "off")[0] is not None
     pair = package(model(items=[(1, "2 0 0 0 2 0 0 0 2 0 0 0"), (1, None)]))
     answer = readers.submit(sandbox.read_part_files, pair, "3mf", DEFAULT_LIMITS, 30).result()
     assert len(parts_from_bytes(answer, 2)) == 2
@@ -226,7 +226,7 @@ def test_nothing_that_a_reader_sends_is_unpickled(readers: LocalPool, tmp_path: 
     with pytest.raises(WorkerLostError):
         readers.submit(send_evil, str(tmp_path / "made")).result()
     assert not (tmp_path / "made").exists()
-    assert read(readers, small_file(0), "off").mesh is not None
+    assert read(readers, small_file(0), "off")[0] is not None
 
 
 def load() -> None:
@@ -256,8 +256,8 @@ def test_an_answer_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(WorkerCrashedError):
             pool.submit(bytes, 1000).result(timeout=60)
     for format in ("off", "stl"):
-        whole = ReadMesh(read_mesh(small_file(0, format), format), 1.0)
-        assert len(mesh_to_bytes(whole)) < largest_size(Limits(122, 240, 1))
+        whole = read_mesh(small_file(0, format), format)
+        assert len(mesh_to_bytes(whole, 1.0)) < largest_size(Limits(122, 240, 1))
     # An STL of a million faces has three million vertices before they are merged.
     assert largest_size(Limits(500_000, 1_000_000, 1)) > 24 * 4_000_000
 
@@ -380,7 +380,7 @@ def test_a_file_that_takes_more_memory_than_there_is_is_refused(readers: LocalPo
     pids = readers.pids()
     with pytest.raises(MeshTooComplexError, match="memory"):
         read(readers, many_instances(), "glb")
-    assert read(readers, small_file(0), "off").mesh is not None
+    assert read(readers, small_file(0), "off")[0] is not None
     assert readers.pids() == pids
 
 
@@ -406,14 +406,14 @@ def test_processor_time_is_counted_file_by_file(readers: LocalPool) -> None:
     assert readers.pids() == pids
     with pytest.raises(TaskTimeLimitError, match="processor time"):
         readers.submit(spin, 600).result()
-    assert read(readers, small_file(0), "off").mesh is not None
+    assert read(readers, small_file(0), "off")[0] is not None
     assert readers.pids() != pids
 
 
 def test_a_task_that_never_ends_is_ended(readers: LocalPool) -> None:
     with pytest.raises(TaskTimeLimitError, match="processor time"):
         read(readers, ENDLESS, "step", 1)
-    assert read(readers, step_box(), "step").mesh is not None
+    assert read(readers, step_box(), "step")[0] is not None
 
 
 def spin(seconds: float) -> None:

@@ -18,9 +18,9 @@ from service.errors import ArchiveError, ArchiveTooNewError
 from service.http.idempotency import Claim, Kept
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
-from service.storage.checking import check
+from service.storage.checking import CheckReport, check
 from service.storage.checksums import checksum_of
-from service.storage.copying import CopyCounts, copy_archive
+from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import ShapeRow, ThumbnailRow
 from tests.service.archives import change, embedded, make_archive
@@ -69,7 +69,7 @@ def opened(url: str) -> Iterator[Database]:
         yield database
 
 
-def copied(source: str, target: str) -> CopyCounts:
+def copied(source: str, target: str) -> CheckReport:
     with opened(source) as origin, opened(target) as copy:
         return copy_archive(origin, copy, lambda *_: None)
 
