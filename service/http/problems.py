@@ -88,9 +88,8 @@ def problem_of(error: ServiceError) -> JSONResponse:
 
 def handle_problems(app: FastAPI) -> None:
     """Answer every error of the service, the core and the framework with a problem document."""
-    app.add_exception_handler(ServiceError, _raised_error)
-    app.add_exception_handler(CoreError, _raised_error)
-    app.add_exception_handler(RequestValidationError, _validation_error)
+    for kind in (ServiceError, CoreError, RequestValidationError):
+        app.add_exception_handler(kind, _raised_error)
     app.add_exception_handler(HTTPException, _http_error)
 
 
@@ -126,15 +125,12 @@ def documented(*kinds: str) -> dict[int | str, dict[str, Any]]:
 
 
 async def _raised_error(_request: Request, error: Exception) -> JSONResponse:
+    if isinstance(error, RequestValidationError):
+        error = BadRequestFieldsError(*faults_of(error.errors()))
     assert isinstance(error, ServiceError | CoreError)
     if PROBLEMS[error.kind].status == 500:
         log.error("the service failed", exc_info=error)
     return problem_of(error) if isinstance(error, ServiceError) else problem_response(error.kind, str(error))
-
-
-async def _validation_error(_request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, RequestValidationError)
-    return problem_of(BadRequestFieldsError(*faults_of(error.errors())))
 
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:

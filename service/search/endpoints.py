@@ -106,14 +106,7 @@ async def similar(
     options: Annotated[QueryParameters, Query()],
 ) -> QueryAnswer:
     """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
-    shapes, timings = options.filtered(collection.number), Timings()
-    exclude_self = options.exclude_self is not False
-    make_query = partial(query_of_shape, container, collection.number, shape_id, exclude_self)
-    work = partial(search, container, make_query, options, shapes, timings)
-    with container.queue.admitted():
-        answer = await while_connected(request, with_active_pipeline(container, work))
-    container.metrics.stages("query", timings.milliseconds)
-    return answer
+    return await query(request, container, collection, options, StoredQuery(shape_id=shape_id))
 
 
 class MapOptions(NamedInAddress, Filters):

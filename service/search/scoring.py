@@ -37,7 +37,7 @@ from service.observability.metrics import Timings
 from service.search.caches import CandidateReader, collection_sample
 from service.search.records import Candidates, MatchedCandidates, Query
 from service.search.schemas import SearchOptions
-from service.search.signature_index import Shortlist, signature_index
+from service.search.signature_index import Wanted, signature_index
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 
@@ -79,13 +79,13 @@ def find_candidates(
     length, by_views = container.settings.shortlist_length, VIEW_SHARE
     if options.rank_by == "combined":
         length, by_views = index.widening * length, 1.0
-    shortlist = Shortlist(shortlist_from, length, math.ceil(by_views * length))
     with container.database.read() as session:
         stored = shapes_repository.stored(session, shapes.collection)
         sample = collection_sample(session, container, query.active_pipeline, shapes.collection)
-        entries, shortlisted = index.candidates(
-            session, query, shapes, stored, None if options.exhaustive else shortlist
-        )
+        neighbours = length, math.ceil(by_views * length)
+        least_shapes = None if options.exhaustive else shortlist_from
+        wanted = Wanted(query, shapes, stored, least_shapes, *neighbours)
+        entries, shortlisted = index.candidates(session, wanted)
     if shortlisted and options.rank_by == "combined":
         log_odds = coarse_log_odds(query, entries)
         entries = entries.only(least(-log_odds, entries.shapes, container.settings.shortlist_length))

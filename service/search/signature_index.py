@@ -35,14 +35,18 @@ CLOSE = 16
 """Additional neighbours, sorted again by distances in double precision: the database has single precision."""
 
 
-@dataclass(frozen=True)
-class Shortlist:
-    """The least number of shapes of which a shortlist is made, and its neighbours by either signature.
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """The shapes to look for: of `stored` in the collection those that match a filter, without the query.
 
-    Those by view signatures are further ones than those by signatures.
+    Of `shortlist_from` shapes or more, a shortlist is made: as many neighbours as wanted by signatures, and
+    further ones by view signatures. None stands for no shortlist.
     """
 
-    least: int
+    query: Query
+    shapes: ShapeFilter
+    stored: int
+    shortlist_from: int | None
     by_signature: int
     by_views: int
 
@@ -57,19 +61,12 @@ class MemoryIndex:
     table: SignatureTable
     widening: ClassVar[int] = 4
 
-    def candidates(
-        self,
-        session: ReadSession,
-        query: Query,
-        shapes: ShapeFilter,
-        stored: int,
-        shortlist: Shortlist | None,
-    ) -> tuple[IndexEntries, bool]:
-        """Return the shapes that match a filter, without the query itself, and whether they are a shortlist.
+    def candidates(self, session: ReadSession, wanted: Wanted) -> tuple[IndexEntries, bool]:
+        """Return the wanted shapes, and whether they are a shortlist; all of them come without samples.
 
-        All of them, without their samples, unless there are enough for a shortlist. `stored` is the
-        number of shapes in the collection; the number of those without an embedding is logged.
+        The number of stored shapes without an embedding is logged.
         """
+        query, shapes, stored = wanted.query, wanted.shapes, wanted.stored
         table = self.table.current(session)
         selected = table.collections == shapes.collection
         lacking = stored - np.count_nonzero(selected)
@@ -85,7 +82,7 @@ class MemoryIndex:
         for number in query.excluded:
             selected &= table.shapes != number
         rows = np.flatnonzero(selected)
-        if shortlist is None or len(rows) < shortlist.least:
+        if wanted.shortlist_from is None or len(rows) < wanted.shortlist_from:
             return table.without_samples().only(rows), False
 
         def nearest(
@@ -97,9 +94,9 @@ class MemoryIndex:
             return rows[least(measured, table.shapes[rows], count)]
 
         signatures = partial(signature_distances, query.embedding.signature)
-        near = nearest(signatures, table.signatures, shortlist.by_signature)
+        near = nearest(signatures, table.signatures, wanted.by_signature)
         views = partial(signature_distance, query.view_signature)
-        further = nearest(views, table.view_signatures, shortlist.by_views)
+        further = nearest(views, table.view_signatures, wanted.by_views)
         return table.only(np.concatenate([near, further[~np.isin(further, near)]])), True
 
     def sampled_embeddings(self, session: ReadSession, collection: CollectionNumber) -> Ints:
@@ -132,26 +129,20 @@ class PostgresIndex:
     revision: ClassVar[int] = 0
     nbytes: ClassVar[int] = 0
 
-    def candidates(
-        self,
-        session: ReadSession,
-        query: Query,
-        shapes: ShapeFilter,
-        stored: int,
-        shortlist: Shortlist | None,
-    ) -> tuple[IndexEntries, bool]:
+    def candidates(self, session: ReadSession, wanted: Wanted) -> tuple[IndexEntries, bool]:
         """Return the candidates as `MemoryIndex` does; both kinds of neighbours have their entries read once.
 
         The HNSW index finds neighbours if there is no filter and the collection has at least half of all
         shapes; otherwise exact search does, because most neighbours in the index would not match.
         """
+        query, shapes = wanted.query, wanted.shapes
         excluded = np.array(sorted(query.excluded), dtype=np.int64)
         enough = partial(repository.has_at_least, session, self.fingerprint, shapes, excluded.tolist())
-        if shortlist is None or not enough(shortlist.least):
+        if wanted.shortlist_from is None or not enough(wanted.shortlist_from):
             entries = repository.entries(session, self.fingerprint, shapes)
             return entries.only(~np.isin(entries.shapes, excluded)), False
         others = shapes.is_empty and shapes_repository.others_hold_shapes(session, shapes.collection)
-        exact = not shapes.is_empty or (others and 2 * stored < count_shapes(session))
+        exact = not shapes.is_empty or (others and 2 * wanted.stored < count_shapes(session))
         signature = query.embedding.signature
         near, alike = (
             repository.nearest(
@@ -164,16 +155,16 @@ class PostgresIndex:
                 views=views,
             )
             for vector, count, views in (
-                (signature, shortlist.by_signature + CLOSE, False),
-                (query.view_signature, shortlist.by_views, True),
+                (signature, wanted.by_signature + CLOSE, False),
+                (query.view_signature, wanted.by_views, True),
             )
         )
         near = near[~np.isin(near, excluded)]
-        alike = alike[~np.isin(alike, excluded)][: shortlist.by_views]
+        alike = alike[~np.isin(alike, excluded)][: wanted.by_views]
         entries = repository.entries(session, self.fingerprint, np.union1d(near, alike))
         rows = np.flatnonzero(np.isin(entries.shapes, near))
         distances = signature_distances(signature, entries.signatures[rows])
-        rows = rows[least(distances, entries.shapes[rows], shortlist.by_signature)]
+        rows = rows[least(distances, entries.shapes[rows], wanted.by_signature)]
         further = np.isin(entries.shapes, alike)
         further[rows] = False
         return entries.only(np.concatenate([rows, np.flatnonzero(further)])), True

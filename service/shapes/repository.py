@@ -381,9 +381,7 @@ def keep_answer(session: WriteSession, claim: Claim, kept: Kept, now: datetime) 
             scope=claim.scope,
             key=claim.key,
             payload=claim.payload,
-            status=kept.status,
-            location=kept.location,
-            body=kept.body,
+            **vars(kept),
             expires_at=claim.expires_at,
         )
     )
