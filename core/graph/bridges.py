@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.mesh.box_tree import box_tree, earliest_outside, update_gaps
+from core.mesh.box_tree import LEAF, box_tree, earliest_outside, update_gaps
 from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.ordering import TIE, tied_ranks
@@ -35,7 +36,8 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
     if number == 1:
         return chosen[0]
     vertices = constant(vertices)
-    order, boxes = box_tree(vertices[:, None])
+    order = cKDTree(vertices, leafsize=LEAF).indices.astype(np.int64)
+    boxes = box_tree(vertices[:, None], order)
     smallest = TIE * (boxes[0, 1] - boxes[0, 0]).max()
     nearest, distances = np.full(count, -1), np.empty(count)
     while number > 1:

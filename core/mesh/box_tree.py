@@ -26,7 +26,7 @@ class TriangleTree:
     corners : float64, shape (f, 3, 3)
         Corners of the triangles.
     order, boxes
-        See `box_tree`.
+        By Morton codes of the centroids: see `box_tree`.
     """
 
     corners: Floats
@@ -56,30 +56,26 @@ class TriangleTree:
 
 def triangle_tree(corners: Floats) -> TriangleTree:
     """Return the tree of one or more triangles, shape (f, 3, 3)."""
-    return TriangleTree(corners, *box_tree(corners))
+    order = _morton_order(corners.mean(axis=1))
+    return TriangleTree(corners, order, box_tree(corners, order))
 
 
-def box_tree(corners: Floats) -> tuple[Ints, Floats]:
-    """Return a complete binary tree whose leaves are items in the order of a space-filling curve.
+def box_tree(corners: Floats, order: Ints) -> Floats:
+    """Return the boxes of a complete binary tree whose leaves are `LEAF` items each, in a given order.
 
     Parameters
     ----------
     corners : float64, shape (n, c, 3)
         The c corners of each item, n >= 1.
+    order : int64, shape (n,)
+        The items; those that are near should be near in the order.
 
     Returns
     -------
-    order : int64, shape (n,)
-        Items, sorted by the Morton code of their centroid; a leaf has `LEAF` of them.
-    boxes : float64, shape (m, 2, 3)
+    float64, shape (m, 2, 3)
         Least and largest coordinates; node i has the children 2 i + 1 and 2 i + 2, and the last (m + 1) / 2
         nodes are leaves.
     """
-    centroids = corners.mean(axis=1)
-    low = centroids.min(axis=0)
-    span = max(float((centroids.max(axis=0) - low).max()), float(np.finfo(np.float64).tiny))
-    cells = np.minimum((centroids - low) / span * CELLS, CELLS - 1).astype(np.int64)
-    order = np.argsort(_interleaved(cells), kind="stable")
     leaves = 1 << max(0, int(np.ceil(np.log2(len(order) / LEAF))))
     padded = np.minimum(np.arange(leaves * LEAF), len(order) - 1)
     sorted_corners = corners[order[padded]].reshape(leaves, -1, 3)
@@ -88,7 +84,7 @@ def box_tree(corners: Floats) -> tuple[Ints, Floats]:
         below, above = levels[-1][::2], levels[-1][1::2]
         merged = [np.minimum(below[:, 0], above[:, 0]), np.maximum(below[:, 1], above[:, 1])]
         levels.append(np.stack(merged, axis=1))
-    return order, np.concatenate(levels[::-1])
+    return np.concatenate(levels[::-1])
 
 
 @compiled_for_reading
@@ -119,10 +115,14 @@ def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
     return closest
 
 
-def _interleaved(cells: Ints) -> Ints:
-    """Return the Morton codes, shape (n,), of cells of 20 bits each, shape (n, 3)."""
+def _morton_order(points: Floats) -> Ints:
+    """Return the order of points, shape (n, 3), along a space-filling curve, by Morton codes, shape (n,)."""
+    low = points.min(axis=0)
+    span = max(float((points.max(axis=0) - low).max()), float(np.finfo(np.float64).tiny))
+    cells = np.minimum((points - low) / span * CELLS, CELLS - 1).astype(np.int64)
     code = np.zeros(len(cells), dtype=np.int64)
     for axis in range(3):
+        # Two zeros after each of the 20 bits of a cell.
         bits = cells[:, axis]
         for shift, mask in (
             (32, 0x1F00000000FFFF),
@@ -133,7 +133,7 @@ def _interleaved(cells: Ints) -> Ints:
         ):
             bits = (bits | (bits << shift)) & mask
         code |= bits << axis
-    return code
+    return np.argsort(code, kind="stable")
 
 
 @compiled
@@ -247,7 +247,7 @@ def update_gaps(
     ----------
     vertices : float64, shape (n, 3)
     order, boxes
-        Their `box_tree`.
+        See `box_tree`.
     labels : int64, shape (n,)
         Component of each vertex, two components or more.
     nearest : int64, shape (n,)
