@@ -99,7 +99,14 @@ def read_version(request: Request, container: Service) -> Version:
         fingerprint=parameters.fingerprint,
         method=METHOD_VERSION,
         formats=[
-            FileFormat(**{**vars(known), "read": known.is_read, "written": known.is_written})
+            FileFormat(
+                name=known.name,
+                title=known.title,
+                endings=known.endings,
+                media_type=known.media_type,
+                read=known.is_read,
+                written=known.is_written,
+            )
             for known in FORMATS.values()
         ],
         pending=pending,
