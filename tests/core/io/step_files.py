@@ -114,6 +114,13 @@ class Step:
         )
         self.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION({relation},{shape})")
 
+    def assembly(self, name, context, parts, places, first=0, use=""):
+        """A product of parts at as many places, whose instances are numbered from `first`."""
+        whole = self.product(name, [], context, more=places)
+        for number, (part, at) in enumerate(zip(parts, places, strict=True), first):
+            self.place(whole, part, at, f"{use}{number}")
+        return whole
+
     def data(self):
         return (HEADER + "".join(self.lines) + END).encode()
 
@@ -139,10 +146,7 @@ def step_assembly(
     file = Step()
     context = file.context("millimetre")
     part = file.product("box", [file.box(size)], context)
-    at = [file.placement(*place) for place in places]
-    whole = file.product("whole", [], context, more=at)
-    for number, axes in enumerate(at):
-        file.place(whole, part, axes, number)
+    file.assembly("whole", context, [part] * len(places), [file.placement(*place) for place in places])
     return file.data()
 
 
@@ -158,15 +162,8 @@ def step_machine():
     ring = file.product("ring", [file.sphere(2)], context)
     plate, larger = (file.product("plate", [file.box((size, size, 1))], context) for size in (8, 9))
     at = [file.placement((10 * n, 0, 0), (0, 0, 1), (0, 1, 0)) for n in range(8)]
-    bearing = file.product("bearing", [], context, more=at[:3])
-    machine = file.product("machine", [], context, more=at[3:])
-    for number, (whole, part) in enumerate(
-        [
-            *((bearing, ring), (bearing, pin), (bearing, pin)),
-            *((machine, bearing), (machine, bearing), (machine, again), (machine, plate), (machine, larger)),
-        ]
-    ):
-        file.place(whole, part, at[number], f"use {number}")
+    bearing = file.assembly("bearing", context, [ring, pin, pin], at[:3], use="use ")
+    file.assembly("machine", context, [bearing, bearing, again, plate, larger], at[3:], 3, "use ")
     return file.data()
 
 
@@ -190,8 +187,5 @@ def step_doubled(levels):
     inner = file.product("box", [file.box((1, 2, 3))], context)
     for level in range(levels):
         at = [file.placement((10 * n * (level + 1), 0, 0)) for n in range(2)]
-        outer = file.product(f"level {level}", [], context, more=at)
-        for number, axes in enumerate(at):
-            file.place(outer, inner, axes, number)
-        inner = outer
+        inner = file.assembly(f"level {level}", context, [inner] * 2, at)
     return file.data()

@@ -62,22 +62,18 @@ def test_the_search_is_its_definition(k, m, n, sign_starts):
         assert (found == expected).all()
 
 
-@pytest.mark.parametrize("signs", [(1, 1, 1, -1, -1), (-1, 1, -1, 1, -1), (-1, -1, -1, -1, -1)])
-def test_a_permutation_with_flipped_signs_is_found(signs):
+@pytest.mark.parametrize(
+    ("signs", "starts", "kept"),
+    [((1, 1, 1, -1, -1), 8, 3), ((-1, 1, -1, 1, -1), 8, 3), ((-1,) * 5, 8, 3), ((1, 1, 1, -1, -1), 1, 1)],
+)
+def test_a_permutation_with_flipped_signs_is_found_by_one_start_where_no_first_sign_differs(
+    signs, starts, kept
+):
     points = cloud(7, 50, 5)
     order = np.random.default_rng(8).permutation(50)
     targets = np.ascontiguousarray((points * np.float32(signs))[order])
     operators = spline_operators(points.astype(np.float64), 3, 100.0)
-    found = search(points, targets, operators, 8, 3, 5, 3)
-    assert (order[found] == np.arange(50)).all()
-
-
-def test_without_sign_starts_a_permutation_is_found_where_no_first_sign_differs():
-    points = cloud(9, 50, 5)
-    order = np.random.default_rng(10).permutation(50)
-    targets = np.ascontiguousarray((points * np.float32([1, 1, 1, -1, -1]))[order])
-    operators = spline_operators(points.astype(np.float64), 3, 100.0)
-    found = search(points, targets, operators, 1, 1, 5, 3)
+    found = search(points, targets, operators, starts, kept, 5, 3)
     assert (order[found] == np.arange(50)).all()
 
 
