@@ -359,12 +359,7 @@ PAPER = Parameters(
         smooth_refined=False,
     ),
     sampling=SamplingParameters(
-        normalise_weights=False,
-        selection="sort-and-cut",
-        samples=0,
-        tau=0.3,
-        sample_cap=400,
-        points=0,
+        normalise_weights=False, selection="sort-and-cut", samples=0, tau=0.3, sample_cap=400, points=0
     ),
     spectral=SpectralParameters(
         distances="tree",

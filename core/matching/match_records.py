@@ -52,33 +52,23 @@ def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) 
     For arrays of another layout numba would compile the kernels again, to slower loops. The key is that of
     `embedding_key`.
     """
-    regions = embedding.regions.astype(np.int64)
+    regions, wanted = embedding.regions.astype(np.int64), parameters.matching
     m = int(regions.max()) + 1
-    rows = min(parameters.matching.search_samples or m, m)
-    columns = parameters.matching.search_dimensions or parameters.spectral.dimensions
+    rows = min(wanted.search_samples or m, m)
+    columns = wanted.search_dimensions or parameters.spectral.dimensions
     clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
     samples = [points[:m] for points in clouds]
     searched = [points[:rows, :columns] for points in samples]
     centred = [points - points.mean(axis=0) for points in samples]
+    splines = [compiled_spline_operators(p, wanted.first_dimensions, wanted.stiffness) for p in searched]
+    softer = [compiled_spline_operators(p, p.shape[1], wanted.warp_stiffness)[0] for p in samples]
     return MatchRecord(
         points=np.ascontiguousarray(np.concatenate(clouds, axis=1), dtype=np.float32),
         searched=np.ascontiguousarray(np.stack([points.T for points in searched]), dtype=np.float32),
-        operators=_quantised(
-            [
-                compiled_spline_operators(
-                    samples_searched, parameters.matching.first_dimensions, parameters.matching.stiffness
-                )
-                for samples_searched in searched
-            ]
-        ),
+        operators=_quantised(splines),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=_quantised(
-            [
-                compiled_spline_operators(points, points.shape[1], parameters.matching.warp_stiffness)[0]
-                for points in samples
-            ]
-        ),
+        warp=_quantised(softer),
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
         key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
@@ -91,19 +81,20 @@ def _quantised(matrices: Sequence[Floats]) -> Int16s:
 
 def search_rounds(parameters: Parameters) -> SearchRounds:
     """Return the sizes and numbers of rounds that the parameters ask for."""
+    wanted = parameters.matching
     return SearchRounds(
-        parameters.matching.search_samples or parameters.sampling.samples,
-        parameters.matching.first_dimensions,
-        2**parameters.matching.first_dimensions if parameters.matching.sign_starts else 1,
-        parameters.matching.start_iterations,
-        parameters.matching.step_iterations,
-        2,
-        parameters.matching.align_samples,
-        parameters.matching.kept_maps,
-        parameters.matching.align_rounds,
-        parameters.matching.final_rounds,
-        parameters.matching.slide_rounds,
-        EFFECTIVE,
+        search_samples=wanted.search_samples or parameters.sampling.samples,
+        first_dimensions=wanted.first_dimensions,
+        starts=2**wanted.first_dimensions if wanted.sign_starts else 1,
+        start_iterations=wanted.start_iterations,
+        step_iterations=wanted.step_iterations,
+        sides=2,
+        align_samples=wanted.align_samples,
+        kept_maps=wanted.kept_maps,
+        align_rounds=wanted.align_rounds,
+        final_rounds=wanted.final_rounds,
+        slides=wanted.slide_rounds,
+        effective=EFFECTIVE,
     )
 
 

@@ -69,17 +69,11 @@ def rectangle(width, height, columns, rows):
 
 def star(tips, height=0.4):
     """A prism over a star with tips at radius 1, centred at the origin."""
-    n = 2 * tips
-    angle, radius = np.arange(n) * np.pi / tips, np.where(np.arange(n) % 2 == 0, 1.0, 0.45)
-    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(n, -height / 2)], axis=1)
-    vertices = np.concatenate(
-        [ring, ring + np.array([0, 0, height]), [[0, 0, -height / 2], [0, 0, height / 2]]]
-    )
-    i = np.arange(n)
-    j = (i + 1) % n
-    bottom, top = np.full(n, 2 * n), np.full(n, 2 * n + 1)
-    faces = [(i, j, n + i), (j, n + j, n + i), (j, i, bottom), (n + i, n + j, top)]
-    return Mesh(vertices, np.concatenate([np.stack(corners, axis=1) for corners in faces]))
+    n, sides = 2 * tips, prism(2 * tips, height, radii=(1.0, 0.45))
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    lids = [(j, i, np.full(n, 2 * n)), (n + i, n + j, np.full(n, 2 * n + 1))]
+    vertices = np.concatenate([sides.vertices, [[0, 0, 0], [0, 0, height]]]) - [0, 0, height / 2]
+    return Mesh(vertices, np.concatenate([sides.faces, *(np.stack(lid, axis=1) for lid in lids)]))
 
 
 def joined(*meshes):

@@ -25,7 +25,7 @@ from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
 from core.sparse_embedding import prepared
-from tests.core.shapes import blob, box, folded, joined, rectangle, shifted, soup
+from tests.core.shapes import blob, box, folded, joined, prism, rectangle, shifted, soup
 from tests.studies.perturbation import add_noise, make_soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
@@ -212,18 +212,12 @@ def test_facts_are_those_of_the_closed_form(name):
     assert {fact: facts[fact] for fact in expected} == pytest.approx(expected, abs=1e-12)
 
 
-def cylinder():
-    whole = trimesh.creation.cylinder(radius=1.0, height=3.0, sections=24)
-    normals = trimesh.triangles.normals(whole.vertices[whole.faces])[0]
-    return Mesh(whole.vertices, whole.faces[np.abs(normals[:, 2]) < 0.5])
-
-
 TETRAHEDRON = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
 ODD = {
     "single triangle": Mesh([[0, 0, 0], [2, 0, 0], [0, 1, 0]], [[0, 1, 2]]),
     "coplanar square": rectangle(1, 1, 1, 1),
-    "open cylinder": cylinder(),
+    "open cylinder": prism(24, 3.0),
     "three sheets on an edge": folded(),
     "two loose tetrahedra": joined(TETRAHEDRON, shifted(TETRAHEDRON, (5, 0, 0))),
     "cube": box(1, 1, 1),

@@ -20,14 +20,9 @@ from core.errors import (
 from core.io import FORMATS, Format, Limits, format_of, read_mesh, readable, writable, write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, PLAIN, TRIANGLES
-from tests.core.shapes import area, volume
+from tests.core.shapes import area, icosphere, volume
 
 EXACT = ("obj", "off")
-
-
-def sphere(subdivisions=3, scale=1.0):
-    made = trimesh.creation.icosphere(subdivisions=subdivisions)
-    return Mesh(made.vertices * scale, made.faces)
 
 
 def test_names_of_formats():
@@ -96,13 +91,13 @@ def test_only_the_formats_listed_are_read_or_written(format):
     with pytest.raises(UnknownFormatError):
         read_mesh(b"solid", format)
     with pytest.raises(UnknownFormatError):
-        write_mesh(sphere(0), format)
+        write_mesh(icosphere(0), format)
 
 
 @pytest.mark.parametrize("format", ["step", "stp"])
 def test_formats_without_a_writer_are_refused(format):
     with pytest.raises(UnknownFormatError, match="written: stl, obj, ply, off, glb, 3mf"):
-        write_mesh(sphere(0), format)
+        write_mesh(icosphere(0), format)
 
 
 PLACES = np.repeat(np.arange(20_000), 3)
@@ -141,7 +136,7 @@ class TestEveryFormat:
 
     @pytest.mark.parametrize("other", PLAIN)
     def test_another_format_under_this_name(self, format, other):
-        data = write_mesh(sphere(1), other)
+        data = write_mesh(icosphere(1), other)
         if format == other:
             assert len(read_mesh(data, format).faces) == 80
         else:
@@ -149,11 +144,11 @@ class TestEveryFormat:
                 read_mesh(data, format)
 
     def test_in_capitals(self, format):
-        assert len(read_mesh(write_mesh(sphere(1), format.upper()), format.upper()).faces) == 80
+        assert len(read_mesh(write_mesh(icosphere(1), format.upper()), format.upper()).faces) == 80
 
     @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
     def test_round_trip(self, format, scale):
-        mesh = sphere(2, scale)
+        mesh = icosphere(2, scale)
         again = read_mesh(write_mesh(mesh, format), format)
         tolerance = 0 if format in EXACT else np.finfo(np.float32).eps * scale
         if format == "stl":
@@ -170,7 +165,7 @@ class TestEveryFormat:
         assert len(again.vertices) == {"stl": 36, "glb": 8}.get(format, 10)
 
     def test_same_bytes_every_time(self, format):
-        assert write_mesh(sphere(2), format) == write_mesh(sphere(2), format)
+        assert write_mesh(icosphere(2), format) == write_mesh(icosphere(2), format)
 
     def test_files_of_other_writers(self, format):
         """trimesh's own files, and its own area and volume."""
@@ -203,7 +198,7 @@ class TestEveryFormat:
             read_mesh(write_mesh(Mesh(np.asarray(vertices) * scale, faces), format), format)
 
     def test_limits(self, format):
-        data = write_mesh(sphere(1), format)
+        data = write_mesh(icosphere(1), format)
         assert len(read_mesh(data, format, limits=Limits(faces=80, vertices=42)).faces) == 80
         for limits in (Limits(faces=79), Limits(vertices=41))[: 1 if format == "stl" else 2]:
             with pytest.raises(MeshTooComplexError, match="limit"):
@@ -211,7 +206,7 @@ class TestEveryFormat:
 
     @pytest.mark.parametrize("part", [1, 10, 50, 84, 99])
     def test_cut_short(self, format, part):
-        mesh = sphere(2)
+        mesh = icosphere(2)
         data = write_mesh(mesh, format)
         cut = data[: len(data) * part // 100]
         if format == "obj" and cut.count(b"\nf") > 1:
