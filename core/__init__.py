@@ -32,13 +32,9 @@ __all__ = [
 ]
 
 _MODULES = {
-    "DEFAULT": "core.parameters",
-    "PAPER": "core.parameters",
-    "DenseCorrespondence": "core.embedding",
-    "Embedding": "core.embedding",
-    "Match": "core.embedding",
+    **dict.fromkeys(("DEFAULT", "PAPER", "Parameters"), "core.parameters"),
+    **dict.fromkeys(("DenseCorrespondence", "Embedding", "Match"), "core.embedding"),
     "Mesh": "core.mesh.mesh",
-    "Parameters": "core.parameters",
     "Pipeline": "core.pipeline",
     "read_mesh": "core.io",
 }

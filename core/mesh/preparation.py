@@ -149,13 +149,8 @@ def neighbour_means(edges: Ints, values: Floats) -> Floats:
 def vertex_normals(mesh: Mesh) -> Floats:
     """Return area-weighted unit vertex normals, shape (n, 3); 0 where the normals of the faces cancel."""
     normals = face_normals(mesh.vertices[mesh.faces], unit=False)
-    sums = np.stack(
-        [
-            np.bincount(mesh.faces.ravel(), np.repeat(normals[:, axis], 3), len(mesh.vertices))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
+    corners, weights = mesh.faces.ravel(), np.repeat(normals, 3, axis=0).T
+    sums = np.stack([np.bincount(corners, each, len(mesh.vertices)) for each in weights], axis=1)
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1), 1e-300)[:, None])
 
 

@@ -22,7 +22,6 @@ ON_EDGE = 1e-9
 CREASE = float(np.cos(np.radians(46.0)))
 """Least cosine between the normals of two triangles of one smooth surface: a circle has eight chords."""
 
-
 COPLANAR = float(np.cos(np.radians(0.1)))
 """Least cosine between the normals of two triangles of one plane facet."""
 
@@ -266,8 +265,6 @@ def corner_normals(
     cosines = -products / (lengths * lengths[:, [2, 0, 1]])
     weights = np.arccos(np.clip(cosines, -1.0, 1.0)) * (facets**POWER)[:, None]
     weighted = np.repeat(flat, 3, axis=0) * weights.reshape(-1, 1)
-    sums: Floats = np.stack(
-        [np.bincount(group, weights=weighted[:, x], minlength=count) for x in range(3)], axis=1
-    )
+    sums: Floats = np.stack([np.bincount(group, each, count) for each in weighted.T], axis=1)
     sums /= np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), TINY)
     return np.asarray(sums[group].reshape(-1, 3, 3))
