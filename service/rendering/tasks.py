@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import KDTree
 
-from core.arrays import Floats, Ints
+from core.arrays import Floats
 from core.embedding import DenseCorrespondence
 from core.io import FORMATS
 from core.mesh.cleaning import merge_vertices
@@ -43,26 +43,26 @@ _BYTE, _FLOAT, _UNSIGNED_INT = 5121, 5126, 5125
 
 
 @dataclass(frozen=True, eq=False)
-class GlbPart:
+class ShownMesh:
+    """A mesh, with the name of its shape and the format of its file, which determines the upward axis."""
+
+    name: str
+    format: str
+    mesh: Mesh
+
+
+@dataclass(frozen=True, eq=False)
+class GlbPart(ShownMesh):
     """One mesh of a GLB file.
 
     Attributes
     ----------
-    name : str
-    format : str
-        Format of the mesh's file, which determines the upward axis.
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
     facts : dict
         Additional `extras` of the node.
     colours : uint8, shape (n, 4) or (0, 4)
         Vertex colours (red, green, blue, opacity), if any.
     """
 
-    name: str
-    format: str
-    vertices: Floats
-    faces: Ints
     facts: dict[str, Any] = field(default_factory=dict)
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 4), np.uint8))
 
@@ -88,13 +88,14 @@ def write_glb(parts: list[GlbPart]) -> bytes:
         return len(accessors) - 1
 
     for number, part in enumerate(parts):
-        middle, half = frame(part.vertices)
-        points = ((part.vertices - middle) / half).astype("<f4")
+        vertices, faces = part.mesh.vertices, part.mesh.faces
+        middle, half = frame(vertices)
+        points = ((vertices - middle) / half).astype("<f4")
         bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
         attributes = {"POSITION": add(points, _FLOAT, "VEC3", **bounds)}
         if len(part.colours):
             attributes["COLOR_0"] = add(part.colours, _BYTE, "VEC4", normalized=True)
-        indices = add(part.faces.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR")
+        indices = add(faces.astype("<u4").ravel(), _UNSIGNED_INT, "SCALAR")
         matrix = np.eye(4)
         matrix[:3, :3] = upright(part.format)
         matrix[0, 3] = SPACING * (number - 0.5 * (len(parts) - 1))
@@ -135,15 +136,6 @@ FACES = 20_000
 """Faces of a preview, enough for a picture that fills a screen."""
 
 
-@dataclass(frozen=True, eq=False)
-class ShownMesh:
-    """A mesh, with the name of its shape and the format of its file."""
-
-    name: str
-    format: str
-    mesh: Mesh
-
-
 def preview(mesh: Mesh, format: str, faces: int) -> bytes:
     """Return a mesh as a GLB of at most about `faces` faces."""
     return write_glb([_part(ShownMesh("shape", format, mesh), faces)])
@@ -158,7 +150,7 @@ def coloured(pair: Sequence[ShownMesh], points: Sequence[Floats], faces: int) ->
     parts = []
     for shown, ends in zip(pair, points, strict=True):
         part = _part(shown, faces)
-        parts.append(replace(part, colours=interpolate_colours(ends, colours, part.vertices)))
+        parts.append(replace(part, colours=interpolate_colours(ends, colours, part.mesh.vertices)))
     return write_glb(parts)
 
 
@@ -175,8 +167,8 @@ def painted_picture(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Pa
     """Return both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
     picture = Image.new("RGBA", (2 * size, size))
     for number, part in enumerate(_painted_parts(pair, ways, faces, paint)):
-        mesh = Mesh(part.vertices, part.faces)
-        drawn = draw_painted(mesh, part.format, size, part.vertices, part.colours[:, :3] / 255.0)
+        colours = part.colours[:, :3] / 255.0
+        drawn = draw_painted(part.mesh, part.format, size, part.mesh.vertices, colours)
         picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (number * size, 0))
     file = BytesIO()
     picture.save(file, "PNG")
@@ -203,7 +195,8 @@ def _painted_parts(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Pai
     for shown, painted_colours, more in zip(pair, colours, facts, strict=True):
         part, vertices = _part(shown, faces), shown.mesh.vertices
         # A simplified mesh has the colours of the nearest vertices.
-        nearest = slice(None) if part.vertices is vertices else KDTree(vertices).query(part.vertices)[1]
+        simplified = part.mesh is not shown.mesh
+        nearest = KDTree(vertices).query(part.mesh.vertices)[1] if simplified else slice(None)
         parts.append(replace(part, colours=opaque(painted_colours[nearest]), facts={**part.facts, **more}))
     return parts
 
@@ -215,5 +208,4 @@ def _part(shown: ShownMesh, faces: int) -> GlbPart:
         # Decimation would separate faces without common vertices, as in STL.
         first, group = merge_vertices(mesh.vertices)
         mesh = decimate(Mesh(mesh.vertices[first], group[mesh.faces]), faces / len(mesh.faces), seed=0)
-    facts = {"faces": len(shown.mesh.faces)}
-    return GlbPart(shown.name, shown.format, mesh.vertices, mesh.faces, facts)
+    return GlbPart(shown.name, shown.format, mesh, {"faces": len(shown.mesh.faces)})

@@ -354,14 +354,16 @@ async def _unit_warnings(
     ]
 
 
-def similarity_map_of(container: Container, shape_filter: ShapeFilter, fingerprint: str) -> MapAnswer:
+def similarity_map_of(
+    container: Container, shape_filter: ShapeFilter, active_pipeline: ActivePipeline
+) -> MapAnswer:
     """Lay out the shapes that match a filter; of many, `MOST_MAPPED` are chosen evenly by age."""
     with container.database.read() as session:
         numbers = np.sort(np.array(shapes_repository.numbers(session, shape_filter), dtype=np.int64))
         total = len(numbers)
         if total > MOST_MAPPED:
             numbers = numbers[np.arange(MOST_MAPPED) * total // MOST_MAPPED]
-        ids, names, signatures = repository.map_shapes(session, fingerprint, numbers)
+        ids, names, signatures = repository.map_shapes(session, active_pipeline.fingerprint, numbers)
     laid_out = similarity_map(signatures)
     rows = zip(ids, names, laid_out.positions.tolist(), laid_out.cells.tolist(), strict=True)
     return MapAnswer(

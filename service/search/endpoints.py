@@ -136,9 +136,7 @@ async def read_map(
     shape_filter = options.filtered(collection.number)
 
     async def lay_out(active_pipeline: ActivePipeline) -> MapAnswer:
-        return await run_in_threadpool(
-            similarity_map_of, container, shape_filter, active_pipeline.fingerprint
-        )
+        return await run_in_threadpool(similarity_map_of, container, shape_filter, active_pipeline)
 
     with container.queue.admitted():
         return await while_connected(request, with_active_pipeline(container, lay_out))

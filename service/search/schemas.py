@@ -345,22 +345,19 @@ class MapAnswer(BaseModel):
 def pairs(match: "Match", first: "Embedding", second: "Embedding") -> list[Pair]:
     """Return the correspondence of two embeddings, each point with its position on its mesh."""
     ends = [
-        zip(
-            samples.tolist(),
-            embedding.vertices[samples].tolist(),
-            embedding.positions[samples].tolist(),
-            strict=True,
-        )
+        [
+            Point(sample=sample, vertex=vertex, position=position)
+            for sample, vertex, position in zip(
+                samples.tolist(),
+                embedding.vertices[samples].tolist(),
+                embedding.positions[samples].tolist(),
+                strict=True,
+            )
+        ]
         for embedding, samples in zip((first, second), match.correspondence.T, strict=True)
     ]
+    measures = match.distances.tolist(), match.effective.tolist()
     return [
-        Pair(
-            first=Point(sample=a[0], vertex=a[1], position=a[2]),
-            second=Point(sample=b[0], vertex=b[1], position=b[2]),
-            distance=distance,
-            effective=effective,
-        )
-        for a, b, distance, effective in zip(
-            *ends, match.distances.tolist(), match.effective.tolist(), strict=True
-        )
+        Pair(first=a, second=b, distance=distance, effective=effective)
+        for a, b, distance, effective in zip(*ends, *measures, strict=True)
     ]

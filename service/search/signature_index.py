@@ -62,7 +62,7 @@ class MemoryIndex:
     widening: ClassVar[int] = 4
 
     def candidates(self, session: ReadSession, wanted: Wanted) -> tuple[IndexEntries, bool]:
-        """Return the wanted shapes, and whether they are a shortlist; all of them come without samples.
+        """Return the wanted shapes, and whether they are a shortlist; otherwise they lack their samples.
 
         The number of stored shapes without an embedding is logged.
         """

@@ -149,7 +149,7 @@ def test_points_give_their_colour_to_what_is_near() -> None:
 
 def test_parts_lie_side_by_side() -> None:
     mesh = icosphere(2)
-    part = GlbPart("one", "off", mesh.vertices, mesh.faces)
+    part = GlbPart("one", "off", mesh)
     across = np.sort(read_mesh(write_glb([part, part]), "glb").vertices[:, 0])
     left, right = across[: len(mesh.vertices)], across[len(mesh.vertices) :]
     assert right.min() - left.max() > 0.3
