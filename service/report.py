@@ -6,7 +6,7 @@ The page is the template `report.html`; every value is escaped before it is put 
 import json
 import struct
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from html import escape
@@ -90,33 +90,27 @@ def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, 
     )
 
 
-@dataclass(frozen=True)
-class MatchReport:
-    """The contents of a report: the query's file, its picture and options, the answer, and the service.
+def page(
+    file: tuple[str, str],
+    picture: bytes,
+    options: Mapping[str, object],
+    answer: QueryAnswer,
+    matches: Sequence[tuple[bytes, bytes]],
+    version: Version,
+) -> str:
+    """Return the report as a page. The same report always gives the same text.
 
-    `found` has for each result a PNG of the query and one of the shape, in colours of corresponding points.
+    `file` is the name of the query's file and its SHA-256, and `picture` a PNG of it. `matches` has for each
+    result a PNG of the query and one of the shape, in colours of corresponding points.
     """
-
-    name: str
-    sha256: str
-    picture: bytes
-    options: Mapping[str, object]
-    answer: QueryAnswer
-    found: tuple[tuple[bytes, bytes], ...]
-    version: Version
-
-
-def page(report: MatchReport) -> str:
-    """Return the report as a page. The same report always gives the same text."""
-    name, answer = escape(report.name), report.answer
-    results = zip(answer.results, report.found, strict=True)
+    name = escape(file[0])
+    results = zip(answer.results, matches, strict=True)
     is_partial = any(result.part_distance is not None for result in answer.results)
     scores = {**SCORES, "part distance": PART_DISTANCE} if is_partial else SCORES
-    given = {key: _written(value) for key, value in report.options.items() if value not in (None, [])}
-    version = report.version
+    given = {key: _written(value) for key, value in options.items() if value not in (None, [])}
     made = {
-        "file": report.name,
-        "SHA-256": report.sha256,
+        "file": file[0],
+        "SHA-256": file[1],
         "pipeline": f"{version.pipeline}, {answer.pipeline}",
         "service": f"{version.service} {version.version}, method {version.method}",
     }
@@ -124,9 +118,9 @@ def page(report: MatchReport) -> str:
     return template.substitute(
         title=f"Most similar to {name}",
         summary="\n".join(f"<p>{escape(line)}</p>" for line in _summary(answer)),
-        picture=_picture(report.picture, "The query"),
+        picture=_picture(picture, "The query"),
         query=name,
-        results="\n".join(_section(result, *pictures, report.name) for result, pictures in results),
+        results="\n".join(_section(result, *pictures, file[0]) for result, pictures in results),
         scores="\n".join(f"<dt>{score}</dt><dd>{text}</dd>" for score, text in scores.items()),
         asked=_table("Parameters", [*given.items(), *made.items()]),
     )
@@ -215,13 +209,13 @@ def report(
     name, data = file
     # The service has read the file; its ending tells which axis is up.
     query = Preview.of(client.preview_file(file), name.rpartition(".")[2].lower())
-    found = []
+    matches = []
     for result in answer.results:
         if result.correspondence is None:
             raise ValueError("the answer has no correspondences")
         shape = Preview.of(client.preview(result.shape.id), result.shape.format)
-        found.append(matched(query, shape, result.correspondence))
+        matches.append(matched(query, shape, result.correspondence))
         drawn()
     picture = draw(query.mesh, _GLB, SIZE)
     digest = sha256(data).hexdigest()
-    return page(MatchReport(name, digest, picture, options, answer, tuple(found), client.version()))
+    return page((name, digest), picture, options, answer, matches, client.version())

@@ -10,7 +10,7 @@ from core.mesh.mesh import Mesh
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import camera, draw, draw_painted, upright
-from service.report import SCORES, SIZE, MatchReport, Preview, matched, page
+from service.report import SCORES, SIZE, Preview, matched, page
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
 from service.system.schemas import Version
 from tests.service.html import Parsed
@@ -85,7 +85,7 @@ def test_a_shape_and_its_moved_copy_are_painted_alike() -> None:
     assert draw(first.mesh, "glb", SIZE) != one
 
 
-def report(**changes: object) -> MatchReport:
+def report(**changes: object) -> str:
     shape = {**RESULT["shape"], "name": NASTY, "tags": ["a<b", "c"], "metadata": {"<k>": ["</td>", 1]}}
     result = Result.model_validate({**RESULT, "shape": shape})
     answer: dict[str, Any] = {
@@ -97,19 +97,18 @@ def report(**changes: object) -> MatchReport:
         "milliseconds": MILLISECONDS,
         **changes,
     }
-    return MatchReport(
-        name=NASTY,
-        sha256="ab" * 32,
+    return page(
+        (NASTY, "ab" * 32),
         picture=b"query",
         options={"top_k": 3, "scale": "respect", "name": "</table>", "tag": [], "min_cc": None},
         answer=QueryAnswer.model_validate(answer),
-        found=((b"first", b"second"),) * len(answer["results"]),
+        matches=((b"first", b"second"),) * len(answer["results"]),
         version=Version.model_validate(Version.model_config["json_schema_extra"]["example"]),
     )
 
 
 def test_a_page_is_whole_and_holds_nothing_from_elsewhere() -> None:
-    text = page(report())
+    text = report()
     parsed = Parsed(text)
     assert parsed.pictures == [b"query", b"first", b"second"]
     assert not {"script", "b", "link", "a", "iframe"} & set(parsed.tags)
@@ -127,16 +126,16 @@ def test_a_page_is_whole_and_holds_nothing_from_elsewhere() -> None:
 
 
 def test_the_times_that_the_stages_took_change_nothing() -> None:
-    assert page(report(milliseconds={"total": 1.0})) == page(report())
+    assert report(milliseconds={"total": 1.0}) == report()
 
 
 def test_a_page_says_what_there_is_to_know() -> None:
-    nothing = Parsed(page(report(results=[], matched=False, warnings=["a <hole>"])))
+    nothing = Parsed(report(results=[], matched=False, warnings=["a <hole>"]))
     assert nothing.pictures == [b"query"]
     assert {"No shape is among the results.", "a <hole>"} <= set(nothing.texts)
-    weak = Parsed(page(report(matched=False, results=[{**RESULT, "likeness": "weak"}])))
+    weak = Parsed(report(matched=False, results=[{**RESULT, "likeness": "weak"}]))
     assert any("The nearest shapes follow" in text for text in weak.texts)
-    assert not any("The nearest shapes" in text for text in Parsed(page(report(matched=False))).texts)
+    assert not any("The nearest shapes" in text for text in Parsed(report(matched=False)).texts)
     part = {**RESULT, "part_distance": 0.25}
-    told = Parsed(page(report(results=[part])))
+    told = Parsed(report(results=[part]))
     assert "part distance" in told.texts
