@@ -46,8 +46,7 @@ from service.settings import Settings, load_parameters
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
 from service.shapes.service import keep_purging
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.system.endpoints import router as service_router
 from service.system.endpoints import session_router
 from service.system.schemas import VERSION

@@ -24,8 +24,7 @@ from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_oth
 from service.storage.backup import back_up, restore
 from service.storage.checking import CheckReport, check
 from service.storage.copying import copy_archive
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.storage.sqlite import path_of
 
 

@@ -28,8 +28,7 @@ from service.server.process import LOOPBACK, ChildService, bind, wait_until_read
 from service.settings import Settings
 from service.shapes import file_repository
 from service.shapes.records import NewFile
-from service.storage.database import Database, next_revision
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate, next_revision
 from service.storage.tables import ShapeRow
 
 SIZES = (380, 1_000, 10_000, 100_000)

@@ -7,7 +7,6 @@ __all__ = [
     "columns",
     "copying",
     "database",
-    "migrate",
     "postgresql",
     "sqlite",
     "tables",

@@ -26,7 +26,7 @@ from service.storage.checksums import (
     pipeline_checksum,
     shape_checksum,
 )
-from service.storage.migrate import check_known
+from service.storage.database import check_known
 
 # Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8

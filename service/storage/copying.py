@@ -17,8 +17,7 @@ from sqlalchemy import Connection, LargeBinary, Row, Table, func, insert, inspec
 from service.errors import ArchiveError
 from service.storage.checking import CheckReport
 from service.storage.columns import POSTGRESQL
-from service.storage.database import Database
-from service.storage.migrate import check_known, migrate
+from service.storage.database import Database, check_known, migrate
 from service.storage.postgresql import ensure_hnsw
 from service.storage.tables import (
     NOT_DELETED,

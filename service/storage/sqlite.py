@@ -71,18 +71,13 @@ def without_references(connection: Connection) -> Iterator[None]:
     deletes all rows that refer to it (sqlite.org/lang_altertable.html, "Making Other Kinds Of Table Schema
     Changes").
     """
-    _execute(connection, "PRAGMA foreign_keys = OFF")
+    # Without SQLAlchemy, whose transaction would make the pragmas ineffective.
+    driver: Any = connection.connection.driver_connection
+    driver.execute("PRAGMA foreign_keys = OFF")
     try:
         yield
     finally:
-        _execute(connection, "PRAGMA foreign_keys = ON")
-
-
-def _execute(connection: Connection, pragma: str) -> None:
-    """Execute a pragma without SQLAlchemy, whose transaction would make the pragma ineffective."""
-    cursor = connection.connection.cursor()
-    cursor.execute(pragma)
-    cursor.close()
+        driver.execute("PRAGMA foreign_keys = ON")
 
 
 def write_ahead_log_is_safe(version: tuple[int, int, int]) -> bool:
@@ -106,11 +101,9 @@ def journal_mode() -> str:
 
 
 def _prepare(connection: Any, _record: object) -> None:  # noqa: ANN401
-    cursor = connection.cursor()
-    cursor.execute("PRAGMA foreign_keys = ON")
-    cursor.execute("PRAGMA synchronous = FULL")
-    cursor.execute(f"PRAGMA journal_mode = {journal_mode()}")
-    cursor.close()
+    connection.execute("PRAGMA foreign_keys = ON")
+    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute(f"PRAGMA journal_mode = {journal_mode()}")
 
 
 def _begin(connection: Connection) -> None:

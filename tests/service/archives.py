@@ -13,8 +13,7 @@ from service.compute.tasks import Embedded, embed_file
 from service.pipelines.active import Pipelines, begin
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from tests.service.support import small_file
 
 

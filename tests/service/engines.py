@@ -17,8 +17,7 @@ import psycopg
 import pytest
 from sqlalchemy import Connection, NullPool, create_engine
 
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 
 SQLITE, POSTGRESQL = ENGINES = ("sqlite", "postgresql")
 

@@ -41,8 +41,7 @@ from service.search.repository import MORE, nearest
 from service.shapes import file_repository, repository
 from service.shapes.records import NewShape, ShapeFilter
 from service.storage.columns import vector_text
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.storage.postgresql import EF_CONSTRUCTION, EF_SEARCH, M, ensure_hnsw, index_name
 from tests.service import engines
 from tests.studies.common import run, write

@@ -1,4 +1,4 @@
-"""Run by Alembic for each migration, on the connection that `service.storage.migrate` hands over."""
+"""Run by Alembic for each migration, on the connection that `service.storage.database` hands over."""
 
 from alembic import context
 

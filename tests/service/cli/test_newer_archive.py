@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from tests.service.cli.conftest import Run
 
 

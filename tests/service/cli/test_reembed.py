@@ -18,8 +18,7 @@ from service.settings import load_settings
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from tests.service.cli.conftest import Run
 from tests.service.engines import rows
 from tests.service.pipeline_files import active, embeddings, write_parameters

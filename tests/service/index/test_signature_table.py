@@ -14,8 +14,7 @@ from service.index.repository import IndexEntries, entries_since
 from service.index.signature_table import SignatureTable
 from service.shapes import file_repository, repository
 from service.shapes.records import NewFile, NewShape, ShapeRecord
-from service.storage.database import Database, ReadSession
-from service.storage.migrate import migrate
+from service.storage.database import Database, ReadSession, migrate
 from tests.service.engines import on_both, url_in
 
 pytestmark = on_both

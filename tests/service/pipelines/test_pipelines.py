@@ -17,8 +17,7 @@ from service.pipelines.active import Pipelines, begin
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.storage.tables import EmbeddingRow, PipelineRow
 from tests.service.engines import either_engine, url_in
 from tests.service.pipeline_files import active, fingerprints, write_parameters

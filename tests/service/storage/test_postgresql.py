@@ -18,8 +18,7 @@ from service.errors import ArchiveError, StorageUnavailableError
 from service.storage import postgresql
 from service.storage.checking import check
 from service.storage.copying import copy_archive
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from tests.service.engines import bare, empty_database, on_postgresql, stopped, url_in
 from tests.service.support import assert_problem, query, serving, settings_in, small_file, upload, wait_until
 

@@ -12,8 +12,7 @@ from sqlalchemy import text
 
 from service.errors import StorageUnavailableError
 from service.storage import sqlite
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.storage.sqlite import journal_mode, write_ahead_log_is_safe
 from tests.service.support import wait_until
 

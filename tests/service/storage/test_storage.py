@@ -13,8 +13,7 @@ from sqlalchemy import inspect, select, text
 from sqlalchemy.exc import IntegrityError
 
 from service.errors import ArchiveTooNewError, StorageUnavailableError
-from service.storage.database import Database
-from service.storage.migrate import migrate
+from service.storage.database import Database, migrate
 from service.storage.tables import ArchiveRow, BlobRow, EmbeddingRow, MetadataRow, ShapeRow, Table
 from tests.service.engines import POSTGRESQL, SQLITE, empty_database, on_both, url_in
 

@@ -1,4 +1,4 @@
-"""The tables of `service.storage.tables`, which `service.storage.migrate` creates in an empty database."""
+"""The tables of `service.storage.tables`, which `service.storage.database` creates in an empty database."""
 
 revision = "0001"
 down_revision = None
