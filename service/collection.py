@@ -1,4 +1,4 @@
-"""Collections as values between storage, service and endpoints."""
+"""Collections as values between storage, service and endpoints, and as JSON."""
 
 import re
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The components of a running service."""
+"""The components of a running service, and the dependency that gives them to endpoints."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The addresses under /collections."""
+"""The addresses under /collections, and the collection of a request: by its header, parameter and key."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""The addresses under /shapes."""
+"""The addresses under /shapes and /deleted, and the forms of uploads."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal

@@ -1,4 +1,10 @@
-"""SQLite engines: their options, locks and journals."""
+"""SQLite: the engines, and the file of an archive with its locks, journals and reserve of disk.
+
+SQLite's own locks cannot tell whether a service runs, because it holds none between transactions. The locks
+here are on files beside the archive: services share one, and a restoration needs it exclusively; a second one
+names the process that serves the archive, so that another one does not begin unasked. The files remain; the
+operating system releases the locks when a process ends.
+"""
 
 import fcntl
 import os
