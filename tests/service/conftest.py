@@ -17,8 +17,8 @@ def _stopped_at_the_end() -> Iterator[None]:
 
 @pytest.fixture(scope="module", autouse=True)
 def engine(request: pytest.FixtureRequest) -> Iterator[str]:
-    """The engine that keeps the archives: the parameter of the tests, or the option `--engine`."""
-    name = str(getattr(request, "param", request.config.getoption("--engine")))
+    """The engine that keeps the archives: the parameter of the tests, or SQLite."""
+    name = str(getattr(request, "param", engines.SQLITE))
     with engines.using(name):
         yield name
 

@@ -25,9 +25,6 @@ on_both = pytest.mark.parametrize("engine", ENGINES, indirect=True, scope="modul
 """For tests of statements that reach the database: `make test` runs them on SQLite, `make postgresql-test` on
 PostgreSQL. Fixtures that open an archive must ask for `engine`."""
 
-either_engine = pytest.mark.either_engine
-"""For modules that run on SQLite, and by `make postgresql-test` on PostgreSQL (`--engine postgresql`)."""
-
 on_postgresql = pytest.mark.parametrize("engine", [POSTGRESQL], indirect=True, scope="module")
 
 _QUICK = """

@@ -45,13 +45,6 @@ def test_json_is_the_services_answer(archive: Client, ball: Path, run: Run, tmp_
     assert archive.page().total == 0
 
 
-def test_the_client_gives_the_vertices(archive: Client, ball: Path) -> None:
-    found = archive.compare(ball, ("same.off", small_file(1)), dense=True)
-    assert found.vertices == list(range(len(found.vertices or [])))
-    assert found.first_difference is not None
-    assert all(found.first_difference.partnered)
-
-
 def test_a_picture_needs_a_place(ball: Path, run: Run) -> None:
     done = run("compare", ball, ball, "--picture")
     assert done.status == 2

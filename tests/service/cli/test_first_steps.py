@@ -62,7 +62,7 @@ def test_results_show_sizes_and_digits_near_one(archive: Client, cup: Path, run:
 def test_ctrl_c_ends_ingest_with_a_summary_and_it_goes_on(archive: Client, tmp_path: Path, run: Run) -> None:
     folder = tmp_path / "parts"
     folder.mkdir()
-    total = 60
+    total = 25
     for number in range(total):
         (folder / f"{number}.off").write_bytes(small_file(number))
     command = [sys.executable, "-P", "-m", "service.cli", "ingest", str(folder), "--url", archive.url]

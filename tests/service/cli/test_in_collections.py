@@ -18,6 +18,8 @@ def test_a_database_with_two_collections(collection: Path, tmp_path: Path, run: 
     assert (made.status, counts(made.stdout)) == (0, {"castings": "0", "default": "0"})
     stored = run("ingest", cups, "--collection", "castings", *at)
     assert (stored.status, stored.stdout) == (0, f"{POSES} stored, 0 already there, 0 refused\n")
+    assert stored.stderr == f"using the database {at[1]}\n"
+    assert not Path("isoshape-data").exists()
     assert run("ingest", cups / "cup-0.off", *at).stdout == "1 stored, 0 already there, 0 refused\n"
     # Commands about files cover all collections.
     checked = run("check", path, "--json")

@@ -54,16 +54,6 @@ def test_a_busy_service_behind_a_proxy_and_a_key(collection: Path, tmp_path: Pat
         assert client.page().total == TOTAL
 
 
-def test_a_database_by_its_address(collection: Path, tmp_path: Path, run: Run) -> None:
-    url = f"sqlite:///{tmp_path}/own.sqlite3"
-    first = run("ingest", collection, "--url", url)
-    assert (first.status, first.stdout) == (0, f"{TOTAL} stored, 0 already there, 0 refused\n")
-    assert first.stderr == f"using the database {url}\n"
-    assert run("ingest", collection, "--url", url).stdout == f"0 stored, {TOTAL} already there, 0 refused\n"
-    assert (tmp_path / "own.sqlite3").is_file()
-    assert not Path("isoshape-data").exists()
-
-
 def test_an_address_of_nothing_that_is_known(collection: Path, run: Run) -> None:
     for url in ("mysql://localhost/archive", "ftp://localhost", "sqlite://"):
         done = run("ingest", collection, "--url", url)

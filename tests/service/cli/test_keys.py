@@ -114,19 +114,10 @@ def test_a_local_service_that_wants_a_key_is_not_passed_by(
     assert run("query", cup, "--key", READ).status == 0
 
 
-def test_a_database_is_reached_whatever_keys_the_environment_holds(
-    cup: Path, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "sqlite:///own.sqlite3")
-    monkeypatch.setenv("ISOSHAPE_API_KEYS", digest_of(FULL))
-    assert run("ingest", cup).stdout == "1 stored, 0 already there, 0 refused\n"
-
-
-def test_the_demo_on_a_machine_with_keys(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_demo_on_a_machine_with_keys_needs_one(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "CLASSES", CLASSES[:1])
     monkeypatch.setattr(demo, "POSES", 2)
     monkeypatch.setenv("ISOSHAPE_API_KEYS", digest_of(FULL))
-    assert run("demo", "--check", "--port", free_port(), "--key", FULL).status == 0
     keyless = run("demo", "--check", "--port", free_port())
     assert keyless.status == 1
     assert "A key of this service is needed" in keyless.stderr

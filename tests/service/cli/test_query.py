@@ -8,6 +8,7 @@ import pytest
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
+from service.auth.keys import digest_of
 from service.cli import service_address
 from service.client import Client
 from service.search.schemas import QueryAnswer, SearchOptions
@@ -127,6 +128,8 @@ def test_a_database_without_a_service(
     # A service runs on the default port too: the database that was named goes before it.
     monkeypatch.setattr(service_address, "DEFAULT_PORT", int(archive.url.rpartition(":")[2]))
     monkeypatch.setenv("ISOSHAPE_DATABASE_URL", "sqlite:///own/archive.sqlite3")
+    # The keys are those of a service.
+    monkeypatch.setenv("ISOSHAPE_API_KEYS", digest_of("isoshape_key"))
     stored = run("ingest", cup)
     assert (stored.status, stored.stdout) == (0, "1 stored, 0 already there, 0 refused\n")
     assert stored.stderr == "using the database sqlite:///own/archive.sqlite3\n"

@@ -1,10 +1,6 @@
-"""`isoshape reembed`: stopped in every way, it goes on where it was."""
+"""`isoshape reembed`: files that cannot be embedded, other pipelines, and nothing to do."""
 
-import os
-import signal
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -20,17 +16,14 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database, migrate
 from tests.service.cli.conftest import Run
-from tests.service.engines import rows
 from tests.service.pipeline_files import active, embeddings, write_parameters
-from tests.service.support import small_file, wait_until
-
-STORED = 40
+from tests.service.support import small_file
 
 
 @pytest.fixture
 def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Parameters:
     """An archive whose files no pipeline has embedded, and the settings that name it and another pipeline."""
-    return archive_to_reembed(tmp_path, monkeypatch, STORED)
+    return archive_to_reembed(tmp_path, monkeypatch, 3)
 
 
 def archive_to_reembed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: int) -> Parameters:
@@ -53,58 +46,11 @@ def archive_to_reembed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: 
     return few
 
 
-def interrupted(folder: Path, enough: int, number: signal.Signals) -> tuple[int, str]:
-    """Run the command until there are so many embeddings, and stop it: status, and what it said."""
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "service.cli", "reembed"],
-        env=os.environ | {"ISOSHAPE_WORKERS": "1"},
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    wait_until(lambda: len(embeddings(folder)) >= enough or process.poll() is not None, seconds=180)
-    assert process.poll() is None
-    process.send_signal(number)
-    _, said = process.communicate(timeout=60)
-    return process.returncode, said
-
-
-def test_stopped_it_goes_on_where_it_was(tmp_path: Path, few: Parameters, run: Run) -> None:
-    assert_goes_on(tmp_path, few, run, (signal.SIGINT, 130))
-
-
-def assert_goes_on(tmp_path: Path, few: Parameters, run: Run, *stops: tuple[signal.Signals, int]) -> None:
-    """Stopped by each signal, and run again, the command embeds every shape once."""
-    done: list[tuple[int, str]] = []
-    stored = len(rows(tmp_path, "SELECT number FROM shapes"))
-    for number, status in stops:
-        returned, said = interrupted(tmp_path, len(done) + 2, number)
-        assert returned == status
-        assert ("the same command continues" in said) == (number != signal.SIGKILL)
-        before, done = done, embeddings(tmp_path)
-        assert done[: len(before)] == before
-        assert len(before) + 2 <= len(done) < stored
-        assert active(tmp_path) == DEFAULT.fingerprint
-    finished = run("reembed")
-    left = stored - len(done)
-    assert (finished.status, finished.stdout) == (
-        0,
-        f"{left} embedded by pipeline few ({few.fingerprint}), the archive is searched by it\n",
-    )
-    assert f"{left} of {left} embedded" in finished.stderr
-    assert embeddings(tmp_path)[: len(done)] == done
-    assert [fingerprint for _, fingerprint in embeddings(tmp_path)] == [few.fingerprint] * stored
-    assert active(tmp_path) == few.fingerprint
-    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection:
-        assert connection.execute("SELECT count(*) FROM shapes WHERE facts = '{}'").fetchone() == (0,)
-
-
 def test_files_that_cannot_be_embedded_are_named_and_may_be_left_out(
     tmp_path: Path, few: Parameters, run: Run
 ) -> None:
     with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection, connection:
         connection.execute("UPDATE blobs SET data = CAST('no mesh' AS BLOB) WHERE number = 2")
-        connection.execute("DELETE FROM shapes WHERE number > 3")
-        connection.execute("DELETE FROM blobs WHERE number > 3")
     refused = run("reembed", "--prune")
     assert refused.status == 1
     assert refused.stdout == f"2 embedded by pipeline few ({few.fingerprint}), 1 cannot be\n"

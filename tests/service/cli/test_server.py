@@ -33,17 +33,23 @@ def test_a_taken_port_is_named() -> None:
     bind(LOOPBACK, port).close()
 
 
+@pytest.mark.parametrize(
+    ("command", "advice"), [(["serve"], ""), (["demo", "--check"], "; choose another with --port")]
+)
+def test_commands_on_a_taken_port(run: Run, command: list[str], advice: str) -> None:
+    with bind(LOOPBACK, 0) as taken:
+        port = taken.getsockname()[1]
+        done = run(*command, "--port", port)
+    assert done.status == 2
+    assert done.stderr == (
+        f"isoshape: cannot listen on 127.0.0.1 port {port}: Address already in use{advice}\n"
+    )
+    assert not Path("isoshape-data").exists()
+
+
 def test_a_host_of_another_machine_is_named() -> None:
     with pytest.raises(PortError, match=r"192\.0\.2\.1"):
         bind("192.0.2.1", 0)
-
-
-def test_serve_on_a_taken_port(run: Run) -> None:
-    with bind(LOOPBACK, 0) as taken:
-        done = run("serve", "--port", taken.getsockname()[1])
-    assert done.status == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert not Path("isoshape-data").exists()
 
 
 def test_a_service_that_cannot_start_says_why(tmp_path: Path) -> None:

@@ -84,43 +84,6 @@ def test_a_path_is_uploaded_under_its_name(archive: Awaited, tmp_path: Path) -> 
     assert archive.upload(str(path), name="another").shape.name == "another"
 
 
-def test_pages_and_filters(archive: Awaited) -> None:
-    names = [f"copy {i}" for i in range(7)]
-    for i, name in enumerate(names):
-        archive.upload(CUP, name=name, tags=["even"] if i % 2 == 0 else [], metadata={"i": i})
-    page = archive.page(limit=3)
-    assert [shape.name for shape in page.shapes] == names[:3]
-    assert page.total == 7
-    assert [shape.name for shape in archive.page(limit=3, cursor=page.next_cursor).shapes] == names[3:6]
-    assert [shape.name for shape in archive.shapes()] == names
-    assert [shape.name for shape in archive.shapes(tag=["even"])] == names[::2]
-    assert [shape.name for shape in archive.shapes(name="PY 4")] == ["copy 4"]
-    assert [shape.name for shape in archive.shapes(metadata=["i=5"])] == ["copy 5"]
-
-
-def test_queries_and_comparison(archive: Awaited) -> None:
-    cup, octopus = archive.upload(CUP, tags=["cup"]).shape, archive.upload(OCTOPUS).shape
-    answer = archive.query_file(CUP, top_k=1)
-    assert [result.shape.id for result in answer.results] == [cup.id]
-    assert answer.results[0].cc == pytest.approx(1.0, abs=1e-6)
-    assert (answer.compared, answer.stored) == (2, 2)
-    assert answer.pipeline == archive.version().fingerprint
-    assert answer.results[0].correspondence is None
-    others = archive.query_shape(cup.id, correspondences=True)
-    assert [result.shape.id for result in others.results] == [octopus.id]
-    assert others.results[0].correspondence
-    wanted: dict[str, Any] = {"exclude_self": False, "tag": ["cup"], "rank_by": "ssd"}
-    with_itself = archive.query_shape(cup.id, **wanted)
-    assert [result.shape.id for result in with_itself.results] == [cup.id]
-    assert archive.similar(cup.id, **wanted).results == with_itself.results
-    assert archive.similar(cup.id, correspondences=True).results == others.results
-    filtered = archive.query_file(OCTOPUS, tag=["cup"], exclude_self=True, exhaustive=True)
-    assert [result.shape.id for result in filtered.results] == [cup.id]
-    compared = archive.compare(cup.id, octopus.id)
-    assert compared.cc == pytest.approx(others.results[0].cc, abs=1e-9)
-    assert compared.correspondence
-
-
 def test_a_job_from_sending_to_deletion(archive: Awaited, tmp_path: Path) -> None:
     path = tmp_path / "meshes.zip"
     path.write_bytes(pack({"a/cup.off": CUP[1], "octopus.off": OCTOPUS[1], "words.off": b"x"}))
@@ -145,11 +108,6 @@ def test_a_job_from_sending_to_deletion(archive: Awaited, tmp_path: Path) -> Non
     with pytest.raises(ProblemError) as missing:
         archive.job(sent.id)
     assert missing.value.kind == "job-not-found"
-
-
-def test_ready_and_version(archive: Awaited) -> None:
-    assert archive.ready()
-    assert archive.version().pipeline == "default"
 
 
 def test_problems_name_their_cause(archive: Awaited) -> None:

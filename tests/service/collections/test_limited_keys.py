@@ -6,8 +6,7 @@ import httpx
 import pytest
 
 from service.auth.keys import Grant, KeyEntry, KeyRing, digest_of
-from service.collections.endpoints import HEADER, PARAMETER, allowed
-from service.errors import BadRequestFieldsError, ForbiddenError
+from service.collections.endpoints import HEADER, PARAMETER
 from service.settings import Settings
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file
 
@@ -49,7 +48,7 @@ def test_a_key_sees_its_collections(running: Running, key: str, listed: list[str
     with client_of(running, key) as client:
         found = [one["name"] for one in client.get("/collections").json()["collections"]]
         assert found == listed
-        for name in ("a", "b", "default", "no-such"):
+        for name in ("a", "b", "default", "no-such", ""):
             answer = client.get("/shapes", params={PARAMETER: name})
             if name in listed:
                 assert [shape["name"] for shape in answer.json()["shapes"]] == (
@@ -92,30 +91,6 @@ def test_a_signed_in_browser_has_the_limits_of_its_key(running: Running) -> None
         assert_problem(browser.get("/shapes", params={PARAMETER: "b"}), 403, "forbidden")
         assert [one["name"] for one in browser.get("/collections").json()["collections"]] == ["a"]
         assert_problem(browser.put("/collections/c"), 403, "forbidden")
-
-
-@pytest.mark.parametrize(
-    ("limits", "named", "found"),
-    [
-        (None, None, "default"),
-        (None, "a", "a"),
-        ({"a", "default"}, None, "default"),
-        ({"a"}, None, "a"),
-        ({"a", "b"}, "b", "b"),
-        ({"a"}, "", ForbiddenError),
-        ({"a"}, "default", ForbiddenError),
-        ({"a", "b"}, None, BadRequestFieldsError),
-    ],
-)
-def test_the_collections_that_a_key_allows(
-    limits: set[str] | None, named: str | None, found: str | type[Exception]
-) -> None:
-    frozen = None if limits is None else frozenset(limits)
-    if isinstance(found, str):
-        assert allowed(frozen, named) == found
-    else:
-        with pytest.raises(found):
-            allowed(frozen, named)
 
 
 def test_entries_are_read_as_they_are_written() -> None:

@@ -3,7 +3,7 @@
 import csv
 import io
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import pytest
 from sqlalchemy import delete
@@ -25,7 +25,7 @@ from service.shapes.schemas import SHAPE, Shape
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
 from tests.people import make_person
 from tests.service.http.test_disconnects import send
-from tests.service.support import Running, assert_problem, serving, settings_in, wait_until
+from tests.service.support import Running, assert_problem, wait_until
 from tests.service.tasks import nap_instead, napping
 from tests.studies.copies import moved, simplified
 
@@ -55,13 +55,13 @@ PLANTED = {
 
 
 @pytest.fixture(scope="module")
-def planted(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("duplicates"))) as running:
-        for name, mesh in BODIES.items():
-            running.store(write_mesh(mesh, "off"), f"{name}.off", tags="original")
-        for name, (_, mesh, _, _) in PLANTED.items():
-            running.store(write_mesh(mesh, "off"), f"{name}.off", tags="copy")
-        yield running
+def planted(shared: Running) -> Running:
+    shared.clear()
+    for name, mesh in BODIES.items():
+        shared.store(write_mesh(mesh, "off"), f"{name}.off", tags="original")
+    for name, (_, mesh, _, _) in PLANTED.items():
+        shared.store(write_mesh(mesh, "off"), f"{name}.off", tags="copy")
+    return shared
 
 
 def unjudge(running: Running) -> None:

@@ -1,6 +1,5 @@
 """Kept pairs: complete, whoever judges and in whatever order, and gone with their shapes."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,13 +47,14 @@ def groups(running: Running, **params: Any) -> set[frozenset[str]]:
 
 
 @pytest.fixture
-def running(tmp_path: Path) -> Iterator[Running]:
-    with serving(settings_in(tmp_path)) as running:
-        yield running
+def running(shared: Running) -> Running:
+    """The shared service, holding nothing."""
+    shared.clear()
+    return shared
 
 
 def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
-    for name, data in parts(20):
+    for name, data in parts(12):
         running.store(data, name)
     copies, with_variants = groups_by_force(running.container)
     assert len(copies) >= 2

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from sqlalchemy import text
 
 from core import errors as core_errors
 from service import errors as service_errors
@@ -15,17 +14,7 @@ from service.app import openapi_document
 from service.errors import BY_STATUS, PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import zip_archive
-from tests.service.calls import changes
-from tests.service.engines import on_both
-from tests.service.support import (
-    Running,
-    assert_problem,
-    query,
-    serving,
-    settings_in,
-    small_file,
-    wait_until,
-)
+from tests.service.support import Running, assert_problem, small_file, wait_until
 
 METHODS = {"GET", "POST", "PUT", "PATCH", "DELETE"}
 OPERATIONS = [
@@ -99,39 +88,6 @@ def test_a_request_has_an_id_of_its_own_or_the_one_it_came_with(shared: Running)
 def test_types_are_documented_and_stable(shared: Running) -> None:
     schema = openapi_document()["components"]["schemas"]["Problem"]
     assert schema["properties"]["type"]["enum"] == [TYPE_PREFIX + kind for kind in PROBLEMS]
-
-
-@pytest.fixture
-def broken(tmp_path: Any, engine: str) -> Iterator[Running]:
-    """A service of its own, to break."""
-    with serving(settings_in(tmp_path, lock_seconds=0.2, workers=1)) as running:
-        running.store(small_file(0), name="before")
-        yield running
-
-
-@on_both
-def test_storage_that_fails_is_said_and_recovered_from(broken: Running) -> None:
-    client, database = broken.client, broken.container.database
-    shape_id = client.get("/shapes").json()["shapes"][0]["id"]
-
-    with database.write():
-        for call in changes(broken, shape_id).values():
-            assert_problem(call(), 503, "storage-unavailable")
-        assert client.get("/shapes").json()["total"] == 1
-        assert client.get("/readyz").status_code == 200
-
-    with database.connect() as connection:
-        connection.execute(text("ALTER TABLE archive RENAME TO hidden"))
-    assert "OperationalError" not in client.get("/readyz").text
-    assert_problem(client.get("/readyz"), 503, "not-ready")
-    assert client.get("/healthz").status_code == 200
-    answer = query(client, small_file(0))
-    assert_problem(answer, 503, "storage-unavailable")
-    assert str(database._engine.url.database) not in answer.text
-    with database.connect() as connection:
-        connection.execute(text("ALTER TABLE hidden RENAME TO archive"))
-    assert client.get("/readyz").status_code == 200
-    assert query(client, small_file(0)).status_code == 200
 
 
 def test_an_error_that_no_one_foresaw_is_a_problem_too(

@@ -1,7 +1,6 @@
 """Routes: their methods, headers, access, parameters that are given twice, and a service that starts."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from fastapi import FastAPI
@@ -16,7 +15,7 @@ from service.compute.pool import LocalPool
 from service.settings import Settings
 from service.system import endpoints
 from tests.core.shapes import icosphere
-from tests.service.support import Running, assert_problem, module_service, serving, settings_in
+from tests.service.support import Running, assert_problem, module_service
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
 KEYS = {"none": None, "wrong": "isoshape_wrong-key", "read": READ, "full": FULL}
@@ -172,27 +171,25 @@ def test_only_a_list_may_be_given_twice(shared: Running, method: str, path: str,
 
 @pytest.mark.parametrize(("compiled", "told"), [(False, "kernels are compiled"), (True, "no worker process")])
 def test_readyz_tells_of_the_compilation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compiled: bool, told: str
+    shared: Running, monkeypatch: pytest.MonkeyPatch, compiled: bool, told: str
 ) -> None:
-    with monkeypatch.context() as patch, serving(settings_in(tmp_path), ready=False) as running:
-        patch.setattr(LocalPool, "ready", lambda pool: False)
-        patch.setattr(endpoints, "is_compiled", lambda parameters: compiled)
-        problem = assert_problem(running.client.get("/readyz"), 503, "not-ready")
-        assert told in problem["detail"]
-        # The page is sent meanwhile, with the place where it says so.
-        assert 'id="starting"' in running.client.get("/").text
+    monkeypatch.setattr(LocalPool, "ready", lambda pool: False)
+    monkeypatch.setattr(endpoints, "is_compiled", lambda parameters: compiled)
+    problem = assert_problem(shared.client.get("/readyz"), 503, "not-ready")
+    assert told in problem["detail"]
+    # The page is sent meanwhile, with the place where it says so.
+    assert 'id="starting"' in shared.client.get("/").text
 
 
 def test_uploads_and_queries_are_refused_while_no_worker_can_start(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with monkeypatch.context() as patch, serving(settings_in(tmp_path)) as running:
-        patch.setattr(LocalPool, "pids", lambda pool: [])
-        patch.setattr(app, "is_compiled", lambda parameters: False)
-        file = {"file": ("ball.off", write_mesh(icosphere(2), "off"))}
-        for address in ("/shapes", "/query"):
-            answer = running.client.post(address, files=file)
-            assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
-            assert int(answer.headers["Retry-After"]) > 0
-        patch.setattr(app, "is_compiled", lambda parameters: True)
-        assert running.client.post("/shapes", files=file).status_code == 201
+    monkeypatch.setattr(LocalPool, "pids", lambda pool: [])
+    monkeypatch.setattr(app, "is_compiled", lambda parameters: False)
+    file = {"file": ("ball.off", write_mesh(icosphere(2), "off"))}
+    for address in ("/shapes", "/query"):
+        answer = service.client.post(address, files=file)
+        assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
+        assert int(answer.headers["Retry-After"]) > 0
+    monkeypatch.setattr(app, "is_compiled", lambda parameters: True)
+    assert service.client.post("/shapes", files=file).status_code == 201

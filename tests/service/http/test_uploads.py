@@ -20,10 +20,8 @@ from service.compute.tasks import Embedded
 from service.http.request_bodies import FORM_FIELDS
 from service.storage.tables import BlobRow, EmbeddingRow, ShapeRow
 from tests.core.io.files import PLAIN
-from tests.service.engines import either_engine
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, query, small_file, upload
-
-pytestmark = either_engine
 
 TABLES = (ShapeRow, BlobRow, EmbeddingRow)
 
@@ -70,6 +68,7 @@ def test_the_same_bytes_under_the_same_name_are_one_shape(service: Running) -> N
     assert service.client.get("/shapes").json()["total"] == 1
 
 
+@on_both
 def test_the_same_bytes_under_another_name_share_blob_and_embedding(service: Running) -> None:
     one = service.store(small_file(0), name="one")
     two = service.store(small_file(0), name="two")
@@ -183,6 +182,7 @@ def test_a_mesh_that_is_simplified_is_stored_and_found(service: Running) -> None
         assert found[0]["shape"]["id"] == answer.json()["id"]
 
 
+@on_both
 def test_a_signature_of_another_length_is_not_stored(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,10 +8,7 @@ import httpx
 import pytest
 
 from service.search.schemas import EXCLUDED
-from tests.service.engines import either_engine
 from tests.service.support import Running, assert_problem, query, small_file, upload
-
-pytestmark = either_engine
 
 BIRD = small_file(0)
 NO_MESH = {"file": ("bird.off", b"no mesh")}

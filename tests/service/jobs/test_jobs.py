@@ -21,7 +21,7 @@ from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
 from service.shapes import service as shapes_service
 from service.storage.tables import JobFileRow, JobRow
-from tests.service.engines import either_engine, on_both
+from tests.service.engines import on_both
 from tests.service.jobs.support import (
     begun,
     causes,
@@ -37,8 +37,6 @@ from tests.service.jobs.support import (
     zipped,
 )
 from tests.service.support import Running, assert_problem, small_file, wait_until
-
-pytestmark = either_engine
 
 
 @pytest.fixture
@@ -76,6 +74,7 @@ def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running
     wait_until(lambda: not archives(clean), seconds=30)
 
 
+@on_both
 def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Running) -> None:
     good = small_file(0)
     members = [(zipfile.ZipInfo(name), data) for name, data in {
@@ -126,6 +125,7 @@ def test_an_archive_without_files(clean: Running) -> None:
     assert (done["state"], done["counts"]["files"]) == ("done", 0)
 
 
+@on_both
 def test_an_archive_that_is_cut_or_gone_fails(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     data = pack(meshes(range(3)))
     done = ended(clean.client, begun(clean.client, data[: len(data) // 2]))
@@ -216,6 +216,7 @@ def test_only_so_many_follow_at_a_time(
     ended(clean.client, job_id)
 
 
+@on_both
 def test_rate_and_remaining_time(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     job_id = begun(clean.client, pack(meshes(range(2))))
     ended(clean.client, job_id)
@@ -334,6 +335,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, number: int, *errors: Exception) ->
     monkeypatch.setattr(shapes_service, "_store", fail_or_store)
 
 
+@on_both
 @pytest.mark.parametrize("error", [StorageFullError("full"), StorageUnavailableError("away")])
 def test_the_job_waits_for_errors_that_are_no_fault_of_a_file(
     clean: Running, monkeypatch: pytest.MonkeyPatch, error: Exception

@@ -19,12 +19,10 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database, migrate
 from service.storage.tables import EmbeddingRow, PipelineRow
-from tests.service.engines import either_engine, url_in
+from tests.service.engines import on_both, url_in
 from tests.service.pipeline_files import active, fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 from tests.service.trouble import url_of
-
-pytestmark = either_engine
 
 
 @contextmanager
@@ -37,6 +35,7 @@ def another(service: Running, **settings: Any) -> Iterator[Running]:
         yield other
 
 
+@on_both
 def test_an_archive_of_another_pipeline_is_served_as_it_is(service: Running) -> None:
     first = service.store(small_file(0), name="first", tags="old")
     second = service.store(small_file(1), name="second")
@@ -138,6 +137,7 @@ def test_an_archive_of_an_unknown_pipeline_is_refused_at_the_start(
     database.close()
 
 
+@on_both
 def test_many_uploads_of_one_file_make_one_shape(service: Running) -> None:
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda _: upload(service.client, small_file(0), "same.off"), range(8)))
@@ -146,6 +146,7 @@ def test_many_uploads_of_one_file_make_one_shape(service: Running) -> None:
     assert query(service.client, small_file(0)).json()["stored"] == 1
 
 
+@on_both
 def test_uploads_queries_and_deletions_at_a_time_agree_in_the_end(service: Running) -> None:
     kept = [service.store(small_file(number), f"kept-{number}.off")["id"] for number in range(3)]
 

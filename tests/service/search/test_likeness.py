@@ -1,6 +1,5 @@
 """The likeness of results and of compared shapes, over HTTP."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
@@ -14,7 +13,7 @@ from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
 from service.errors import WorkerLostError
 from service.search import likeness
-from tests.service.support import Running, query, serving, settings_in
+from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
 
 OCTOPUS = make_body("octopus").posed(0)
@@ -31,11 +30,11 @@ TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": 
 
 
 @pytest.fixture(scope="module")
-def stocked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("likeness"))) as running:
-        for name, mesh in STORED.items():
-            running.store(file_of(mesh), f"{name}.off", tags=name)
-        yield running
+def stocked(shared: Running) -> Running:
+    shared.clear()
+    for name, mesh in STORED.items():
+        shared.store(file_of(mesh), f"{name}.off", tags=name)
+    return shared
 
 
 def file_of(mesh: Mesh) -> bytes:

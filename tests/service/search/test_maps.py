@@ -5,10 +5,8 @@ import pytest
 from core.gallery import make_shape
 from core.io import write_mesh
 from service.search import answer
-from tests.service.engines import either_engine
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
-
-pytestmark = either_engine
 
 
 def test_an_empty_collection_has_an_empty_map(service: Running) -> None:
@@ -36,6 +34,7 @@ def test_similar_shapes_are_near_each_other(service: Running) -> None:
     assert fish["total"] == 4
 
 
+@on_both
 def test_a_map_of_many_shapes_has_some_of_them_evenly(
     service: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,19 +6,17 @@ from core.evaluation.perturbation import cut_part
 from core.gallery import make_shape
 from core.io import write_mesh
 from service.client import Client
-from tests.service.support import Running, module_service, query
+from tests.service.support import Running, query
 
 CLASSES = ("bird", "cup", "octopus", "plane")
 
 
-own = module_service()
-
-
 @pytest.fixture(scope="module")
-def stocked(own: Running) -> Running:
+def stocked(shared: Running) -> Running:
+    shared.clear()
     for label in CLASSES:
-        own.store(write_mesh(make_shape(label, 0), "off"), f"{label}.off", tags=label)
-    return own
+        shared.store(write_mesh(make_shape(label, 0), "off"), f"{label}.off", tags=label)
+    return shared
 
 
 def part_of(label: str, seed: int = 1) -> bytes:

@@ -12,10 +12,7 @@ from core.ranking.local_density import densities_in, density_sample
 from core.serialization import embedding_from_bytes
 from service.search.repository import embedding_records
 from service.storage.tables import ShapeRow
-from tests.service.engines import either_engine
 from tests.service.support import Running, pipeline_in_use, query, small_file
-
-pytestmark = either_engine
 
 RESULT = {
     "difference",

@@ -6,10 +6,8 @@ from sqlalchemy import select
 
 from service.search import repository
 from service.storage.tables import BlobRow, EmbeddingRow
-from tests.service.engines import either_engine
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query, small_file
-
-pytestmark = either_engine
 
 
 def test_equals_are_in_the_order_they_were_stored(service: Running) -> None:
@@ -19,6 +17,7 @@ def test_equals_are_in_the_order_they_were_stored(service: Running) -> None:
         assert [result["shape"]["id"] for result in results] == ids
 
 
+@on_both
 def test_the_query_itself_is_left_out_by_id_and_kept_by_file_unless_said(service: Running) -> None:
     itself = service.store(small_file(4), name="itself")["id"]
     copy = service.store(small_file(4), name="copy")["id"]
@@ -73,6 +72,7 @@ def test_a_bad_pair_is_refused(service: Running) -> None:
     assert problem["errors"][0]["field"] == "third"
 
 
+@on_both
 def test_a_damaged_embedding_is_left_out_and_not_given_out(
     service: Running, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -1,7 +1,6 @@
 """How many candidates each stage of a search by class probability passes on."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,19 +14,23 @@ from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import Parameters
 from core.ranking.reranking import quantised_points, rerank
-from service import app
 from service.search import caches, repository, scoring
 from service.search.caches import CandidateReader
 from service.storage.database import ReadSession
 from service.storage.tables import QuantisedPointsRow
-from tests.service.support import query, serving, settings_in, small_file
+from tests.service.support import Running, module_service, query, small_file
 
 LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
 STORED = 12
 
 
+stocked = module_service(
+    stored={f"{number}.off": small_file(number) for number in range(STORED)}, search_bytes=0, **LENGTHS
+)
+
+
 def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stocked: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reranked: list[int] = []
     described: list[int] = []
@@ -44,66 +47,59 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
     monkeypatch.setattr(scoring, "rerank", counted)
     monkeypatch.setattr(CandidateReader, "descriptors", read_descriptors)
     cup = make_shape("cup", 0)
-    with serving(settings_in(tmp_path, **LENGTHS)) as running:
-        for number in range(STORED):
-            running.store(small_file(number), f"{number}.off")
-        # For an incomplete query, twice as many candidates would be re-ranked as there are.
-        for mesh, counts in ((cup, (6, 3)), (cut_part(cup, 0.5, 1), (9, 9))):
-            reranked.clear()
-            described.clear()
-            answer = query(running.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
-            assert answer["compared"] == LENGTHS["finalists"] + 1
-            assert (sum(reranked), len(set(described))) == counts
+    # For an incomplete query, twice as many candidates would be re-ranked as there are.
+    for mesh, counts in ((cup, (6, 3)), (cut_part(cup, 0.5, 1), (9, 9))):
+        reranked.clear()
+        described.clear()
+        answer = query(stocked.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
+        assert answer["compared"] == LENGTHS["finalists"] + 1
+        assert (sum(reranked), len(set(described))) == counts
 
 
-def test_without_whole_points_the_embedding_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("options", [{"rank_by": "combined"}, {"exhaustive": True, "correspondences": True}])
+def test_a_query_reads_each_record_once(
+    stocked: Running, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
+) -> None:
+    """Even without any cache: match records, descriptors, likeness and correspondences share one read."""
+    stocked.container.descriptors.resize(0)
+    query(stocked.client, small_file(0), **options)
+    read: list[int] = []
+    embedding_records = repository.embedding_records
+
+    def counted(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
+        read.extend(numbers)
+        return embedding_records(session, numbers)
+
+    monkeypatch.setattr(repository, "embedding_records", counted)
+    answer = query(stocked.client, small_file(0), top_k=2, **options).json()
+    assert len(answer["results"]) == 2
+    assert sorted(set(read)) == sorted(read) != []
+
+
+def test_without_whole_points_the_embedding_is_read(
+    stocked: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last test here, since it damages what is stored."""
     made: list[Embedding] = []
 
     def counted(embedding: Embedding) -> bytes:
         made.append(embedding)
         return quantised_points(embedding)
 
-    with serving(settings_in(tmp_path, **LENGTHS, search_bytes=0)) as running:
-        for number in range(STORED):
-            running.store(small_file(number), f"{number}.off")
+    def answer() -> list[tuple[str, float]]:
+        found = query(stocked.client, small_file(STORED), rank_by="cc", top_k=2).json()
+        return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
 
-        def answer() -> list[tuple[str, float]]:
-            found = query(running.client, small_file(STORED), rank_by="cc", top_k=2).json()
-            return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
-
-        monkeypatch.setattr(caches, "quantised_points", counted)
-        before = answer()
-        assert not made
-        some = QuantisedPointsRow.embedding_number % 2 == 0
-        for statement in (
-            update(QuantisedPointsRow).values(data=b"damaged."),
-            delete(QuantisedPointsRow).where(some),
-        ):
-            with running.container.database.write() as session:
-                session.execute(statement)
-            made.clear()
-            assert answer() == before
-            assert len(made) == LENGTHS["reranked"]
-
-
-@pytest.mark.parametrize("options", [{"rank_by": "combined"}, {"exhaustive": True, "correspondences": True}])
-def test_a_query_reads_each_record_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]
-) -> None:
-    """Even without any cache: match records, descriptors, likeness and correspondences share one read."""
-    monkeypatch.setattr(app, "DESCRIPTOR_BYTES", 0)
-    with serving(settings_in(tmp_path, **LENGTHS, search_bytes=0)) as running:
-        for number in range(STORED):
-            running.store(small_file(number), f"{number}.off")
-        query(running.client, small_file(0), **options)
-        read: list[int] = []
-        embedding_records = repository.embedding_records
-
-        def counted(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-            read.extend(numbers)
-            return embedding_records(session, numbers)
-
-        monkeypatch.setattr(repository, "embedding_records", counted)
-        answer = query(running.client, small_file(0), top_k=2, **options).json()
-        assert len(answer["results"]) == 2
-        assert sorted(set(read)) == sorted(read) != []
+    monkeypatch.setattr(caches, "quantised_points", counted)
+    before = answer()
+    assert not made
+    some = QuantisedPointsRow.embedding_number % 2 == 0
+    for statement in (
+        update(QuantisedPointsRow).values(data=b"damaged."),
+        delete(QuantisedPointsRow).where(some),
+    ):
+        with stocked.container.database.write() as session:
+            session.execute(statement)
+        made.clear()
+        assert answer() == before
+        assert len(made) == LENGTHS["reranked"]

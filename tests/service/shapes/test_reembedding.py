@@ -19,7 +19,7 @@ from service.search.records import MatchedCandidates
 from service.search.scoring import Cascade
 from service.shapes import reembedding as reembedding_module
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
-from tests.service.engines import either_engine, on_both
+from tests.service.engines import on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
     Running,
@@ -31,8 +31,6 @@ from tests.service.support import (
     small_file,
     wait_until,
 )
-
-pytestmark = either_engine
 
 STORED = 4
 
@@ -252,6 +250,7 @@ def test_pruned_and_gone_back_to_all_is_found_again(stocked: tuple[Running, Path
     assert (answer["compared"], answer["pipeline"]) == (STORED + 1, wanted.fingerprint)
 
 
+@on_both
 @pytest.mark.parametrize("error", [DegenerateMeshError("too thin"), WorkerLostError("it died")])
 def test_a_file_that_cannot_be_embedded_keeps_the_archive_as_it_is_unless_left_out(
     stocked: tuple[Running, Path], few: Parameters, error: Exception

@@ -16,10 +16,8 @@ from service.client import Client
 from service.collection import DEFAULT_COLLECTION
 from service.shapes import file_repository
 from service.shapes.file_endpoints import check_size
-from tests.service.engines import either_engine, on_both
+from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, pipeline_in_use, small_file, upload
-
-pytestmark = either_engine
 
 
 def listed(service: Running, sort: str, limit: int = 2) -> list[str]:

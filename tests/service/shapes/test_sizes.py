@@ -12,8 +12,6 @@ from tests.core.shapes import blob, box, joined, rectangle, scaled, subdivided, 
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, query
 
-pytestmark = on_both
-
 
 def fine(mesh: Mesh) -> Mesh:
     for _ in range(3):
@@ -54,6 +52,7 @@ def test_records_have_a_bounding_box_an_area_and_a_volume(stocked: Running) -> N
     assert sheet["closed"] is False
 
 
+@on_both
 @pytest.mark.parametrize(
     ("filters", "expected"),
     [
@@ -101,6 +100,7 @@ def test_a_wrong_range_is_refused(stocked: Running) -> None:
             assert "min..max" in problem["detail"] or "exceeds the greatest" in problem["detail"]
 
 
+@on_both
 def test_the_tolerance_of_sizes_is_the_clients_to_choose(stocked: Running) -> None:
     data = write_mesh(scaled(MESHES["bar.off"], 1.25), "off")
     for tolerance, expected in ((None, []), (0.2, []), (0.3, ["bar.off"])):
@@ -134,6 +134,7 @@ def test_a_unit_mistake_is_told(stocked: Running, factor: float, times: str) -> 
     assert query(stocked.client, data).json()["warnings"] == []
 
 
+@on_both
 def test_a_unit_mistake_in_a_range_is_told(stocked: Running) -> None:
     bar = stocked.client.get("/shapes", params={"name": "bar"}).json()["shapes"][0]["id"]
     asked: dict[str, Any] = {"shape_id": bar, "exclude_self": False, "length": "3.5..4.5"}

@@ -24,8 +24,10 @@ from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import ShapeRow, ThumbnailRow
 from tests.service.archives import change, embedded, make_archive
-from tests.service.engines import bare, empty_database
+from tests.service.engines import bare, empty_database, on_postgresql
 from tests.service.support import query, serving, settings_in, small_file
+
+pytestmark = on_postgresql
 
 
 @pytest.fixture

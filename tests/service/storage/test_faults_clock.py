@@ -13,11 +13,8 @@ from service.jobs import service as jobs
 from service.shapes import endpoints, repository
 from service.shapes import service as shapes
 from service.storage.tables import JobRow
-from tests.service.engines import either_engine
 from tests.service.jobs.support import ended, pack
 from tests.service.support import Running, assert_problem, module_service, query, small_file, upload
-
-pytestmark = either_engine
 
 KEY, OTHER = "isoshape_one-key", "isoshape_other-key"
 RATE = 60

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
 
 from tests.service.calls import assert_recovered, changes, reads, the_kept
 from tests.service.engines import POSTGRESQL, SQLITE, on_both
-from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
+from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
 from tests.service.trouble import full, is_sqlite, lock_held, not_writable, url_of
 
 on_sqlite = pytest.mark.parametrize("engine", [SQLITE], indirect=True, scope="module")
@@ -88,4 +89,31 @@ def test_a_lock_that_another_process_holds(frail: Running, kept: str, engine: st
             assert_problem(call(), 503, "storage-unavailable")
         assert frail.client.get("/healthz").status_code == 200
         assert_problem(frail.client.get("/readyz"), 503, "not-ready")
+    assert_recovered(frail, kept)
+
+
+@on_both
+def test_a_write_of_this_process_that_does_not_end(frail: Running, kept: str) -> None:
+    with frail.container.database.write():
+        for call in changes(frail, kept).values():
+            assert_problem(call(), 503, "storage-unavailable")
+        for call in reads(frail, kept).values():
+            assert call().status_code == 200
+        assert frail.client.get("/readyz").status_code == 200
+    assert_recovered(frail, kept)
+
+
+@on_both
+def test_a_table_that_is_missing(frail: Running, kept: str) -> None:
+    client, database = frail.client, frail.container.database
+    with database.connect() as connection:
+        connection.execute(text("ALTER TABLE archive RENAME TO hidden"))
+    assert "OperationalError" not in client.get("/readyz").text
+    assert_problem(client.get("/readyz"), 503, "not-ready")
+    assert client.get("/healthz").status_code == 200
+    answer = query(client, small_file(0))
+    assert_problem(answer, 503, "storage-unavailable")
+    assert str(database._engine.url.database) not in answer.text
+    with database.connect() as connection:
+        connection.execute(text("ALTER TABLE hidden RENAME TO archive"))
     assert_recovered(frail, kept)

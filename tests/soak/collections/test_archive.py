@@ -11,8 +11,6 @@ from service.datasets import read_collection
 from tests.service.processes import server
 from tests.soak.collections.folders import SAMPLE, sample
 
-pytestmark = pytest.mark.collections
-
 
 def test_every_mesh_is_stored_with_its_class_and_finds_itself(tmp_path: Path) -> None:
     folder = tmp_path / "psb"

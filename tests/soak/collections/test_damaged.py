@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from core.io import write_mesh
 from service.http.problem_document import TYPE_PREFIX
@@ -11,8 +10,6 @@ from tests.core.damaged import DAMAGES
 from tests.service.processes import server
 from tests.soak.collections.folders import read, sample
 from tests.soak.hostile.test_changed import REFUSALS
-
-pytestmark = pytest.mark.collections
 
 
 def test_models_and_damaged_copies_are_taken_or_refused_and_searched(tmp_path: Path) -> None:

@@ -9,8 +9,6 @@ import pytest
 from core.ranking.class_probability import CALIBRATED_PARTS, CALIBRATED_POOL
 from tests.soak.collections.folders import SAMPLE, data
 
-pytestmark = pytest.mark.collections
-
 LEAST = {"nn": 0.895, "ft": 0.709, "st": 0.81}
 """Least measures of psb by CC: measured ones less 0.01."""
 VIEWS = {"nn": 0.703, "ft": 0.449, "st": 0.574}

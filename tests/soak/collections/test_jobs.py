@@ -11,8 +11,6 @@ from tests.service.support import wait_until
 from tests.soak.collections.folders import sample
 from tests.soak.kill.test_jobs import assert_all_there, broken, mixed
 
-pytestmark = pytest.mark.collections
-
 # Two cores take about two minutes, and a busy machine longer.
 SECONDS = 1800
 

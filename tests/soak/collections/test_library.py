@@ -11,8 +11,6 @@ from core.pipeline import Pipeline
 from tests.core.shapes import SAME_SHAPE
 from tests.soak.collections.folders import read, sample
 
-pytestmark = pytest.mark.collections
-
 PIPELINE = Pipeline(DEFAULT)
 STORED, QUERIES = 32, 3
 DRIFT = 0.01

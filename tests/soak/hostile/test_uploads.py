@@ -43,7 +43,7 @@ class Outcome(NamedTuple):
 
 def outcome(served: Served, case: Hostile) -> Outcome:
     data = case.make()
-    with Watch(served.pid, every_seconds=0.05, measure=proportional) as watch:
+    with Watch(served.pid, every_seconds=0.1, measure=proportional) as watch:
         start = time.perf_counter()
         given = answer(served.client, case.filename, data)
         seconds = time.perf_counter() - start

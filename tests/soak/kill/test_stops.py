@@ -3,19 +3,23 @@
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
 import httpx
 import pytest
 
+from core.parameters import DEFAULT
 from service.client import Client
 from service.server.process import LOOPBACK, bind, wait_until_ready
-from tests.service.cli.conftest import environment, run
-from tests.service.cli.test_demo import free_port
-from tests.service.cli.test_reembed import Run, archive_to_reembed, assert_goes_on
+from tests.service.cli.conftest import Run, environment, run
+from tests.service.cli.test_reembed import archive_to_reembed
+from tests.service.cli.test_server import free_port
+from tests.service.pipeline_files import active, embeddings
 from tests.service.processes import server
 from tests.service.support import assert_problem, small_file, upload, wait_until
 
@@ -61,9 +65,44 @@ def test_sigterm_to_the_demonstration_ends_its_service_too() -> None:
     bind(LOOPBACK, port).close()
 
 
+def interrupted(folder: Path, enough: int, number: signal.Signals) -> tuple[int, str]:
+    """Run the command until there are so many embeddings, and stop it: status, and what it said."""
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "service.cli", "reembed"],
+        env=os.environ | {"ISOSHAPE_WORKERS": "1"},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    wait_until(lambda: len(embeddings(folder)) >= enough or process.poll() is not None, seconds=180)
+    assert process.poll() is None
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
 def test_reembed_stopped_and_killed_goes_on_and_does_nothing_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run
 ) -> None:
-    few = archive_to_reembed(tmp_path, monkeypatch, 120)
-    stops = ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9))
-    assert_goes_on(tmp_path, few, run, *stops)
+    stored = 60
+    few = archive_to_reembed(tmp_path, monkeypatch, stored)
+    done: list[tuple[int, str]] = []
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)):
+        returned, said = interrupted(tmp_path, len(done) + 2, number)
+        assert returned == status
+        assert ("the same command continues" in said) == (number != signal.SIGKILL)
+        before, done = done, embeddings(tmp_path)
+        assert done[: len(before)] == before
+        assert len(before) + 2 <= len(done) < stored
+        assert active(tmp_path) == DEFAULT.fingerprint
+    finished = run("reembed")
+    left = stored - len(done)
+    assert (finished.status, finished.stdout) == (
+        0,
+        f"{left} embedded by pipeline few ({few.fingerprint}), the archive is searched by it\n",
+    )
+    assert f"{left} of {left} embedded" in finished.stderr
+    assert embeddings(tmp_path)[: len(done)] == done
+    assert [fingerprint for _, fingerprint in embeddings(tmp_path)] == [few.fingerprint] * stored
+    assert active(tmp_path) == few.fingerprint
+    with closing(sqlite3.connect(tmp_path / "archive.sqlite3")) as connection:
+        assert connection.execute("SELECT count(*) FROM shapes WHERE facts = '{}'").fetchone() == (0,)
