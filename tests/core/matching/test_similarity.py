@@ -19,12 +19,8 @@ def test_shifts_and_positive_scales_leave_the_correlation():
     plain = correlation(first, second)
     assert correlation(3.0 * first + [1, 2, 3], 0.2 * second - 5.0) == pytest.approx(plain, abs=1e-12)
     assert correlation(-2.0 * first, second) == pytest.approx(-plain, abs=1e-12)
-
-
-def test_a_scaled_copy_correlates_fully_and_its_opposite_inversely():
-    points = np.random.default_rng(3).normal(size=(20, 4))
-    assert correlation(points, 7.0 * points + 1.0) == pytest.approx(1.0, abs=1e-14)
-    assert correlation(points, -0.5 * points + 1.0) == pytest.approx(-1.0, abs=1e-14)
+    assert correlation(first, 7.0 * first + 1.0) == pytest.approx(1.0, abs=1e-14)
+    assert correlation(first, -0.5 * first + 1.0) == pytest.approx(-1.0, abs=1e-14)
 
 
 def test_a_cloud_that_is_one_point_correlates_with_nothing():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.errors import ParameterError
-from core.sampling.lewis_weights import lewis_weights, orthonormal_basis, polynomial_basis, printed_constants
+from core.sampling.lewis_weights import lewis_weights, orthonormal_basis, printed_constants
 
 
 def cloud(count=300, seed=0):
@@ -76,20 +76,16 @@ def test_printed_constants_by_hand():
     assert r2 == pytest.approx(2.0e14, rel=0.02)
 
 
-@pytest.mark.parametrize("epsilon", [-0.01, 0.0, 1.0 / 7.0, 1.0, float("nan")])
-def test_epsilon_out_of_range(epsilon):
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        *({"epsilon": epsilon} for epsilon in (-0.01, 0.0, 1.0 / 7.0, 1.0, float("nan"))),
+        *({"degree": degree} for degree in (-1, 0, 13)),
+    ],
+)
+def test_epsilon_and_degree_out_of_range(wrong):
     with pytest.raises(ParameterError):
-        printed_constants(28, epsilon)
-    with pytest.raises(ParameterError):
-        lewis_weights(cloud(), epsilon=epsilon)
-
-
-@pytest.mark.parametrize("degree", [-1, 0, 13])
-def test_degree_out_of_range(degree):
-    with pytest.raises(ParameterError):
-        polynomial_basis(np.arange(5.0), np.arange(5.0), degree)
-    with pytest.raises(ParameterError):
-        lewis_weights(cloud(), degree=degree)
+        lewis_weights(cloud(), **wrong)
 
 
 @pytest.mark.parametrize("degree", [2, 6])

@@ -100,58 +100,44 @@ def test_the_first_of_equally_close_members_is_taken():
     assert nearest_member(points, members, 1, 4, ends, 1) == 2
 
 
-def cross_products(points, partners, sources, targets, blocks):
-    columns = points.shape[1]
-    cross = np.full((columns, columns), np.nan, dtype=np.float32)
-    first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    cross_covariance(points, partners, sources, targets, cross, first, second)
-    return cross, first, second
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-@pytest.mark.parametrize("blocks", [1, 2])
-@pytest.mark.parametrize(("m", "n"), [(30, 70), (1, 1), (32, 0)])
-@pytest.mark.parametrize("k", [2, 10])
-def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scale):
-    rng = np.random.default_rng(k)
-    given = [
-        (scale * (rng.normal(size=(rows, blocks * k)) + shift)).astype(np.float32)
-        for rows, shift in ((m, 0.5), (m, -0.5), (n, 0.5), (n, 1.0))
-    ]
-    before = [array.copy() for array in given]
-    found, expected = cross_products(*given, blocks), cross_covariance_reference(*given, blocks)
-    size = scale**2 * (m + n) * k
-    for one, other in zip(found, expected, strict=True):
-        assert one == pytest.approx(other, abs=3e-6 * size)
-    for array, kept in zip(given, before, strict=True):
-        assert np.array_equal(array, kept)
+def written(kernel, columns, blocks, *given):
+    """What a kernel writes after what it is given: cross-covariance and square sums of both sides."""
+    results = [np.full(shape, np.nan, dtype=np.float32) for shape in ((columns, columns), blocks, blocks)]
+    kernel(*given, *results)
+    return results
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 @pytest.mark.parametrize("blocks", [1, 2])
 @pytest.mark.parametrize(("m", "n"), [(30, 70), (1, 1), (70, 5)])
 @pytest.mark.parametrize("k", [2, 10])
-def test_cross_products_of_pairs_both_ways_are_the_plain_ones(k, m, n, blocks, scale):
+def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scale):
     rng = np.random.default_rng(k)
     x, y = (
         (scale * (rng.normal(size=(rows, blocks * k)) + shift)).astype(np.float32)
         for rows, shift in ((m, 0.5), (n, -1.0))
     )
     there, back = rng.integers(n, size=m).astype(np.int32), rng.integers(m, size=n).astype(np.int32)
-    cross = np.full((blocks * k, blocks * k), np.nan, dtype=np.float32)
-    first, second = np.full((2, blocks), np.nan, dtype=np.float32)
-    cross_covariance_both_ways(x, y, there, back, cross, first, second)
-    expected = cross_covariance_reference(x, y[there], x[back], y, blocks)
-    size = scale**2 * (m + n) * k
-    for one, other in zip((cross, first, second), expected, strict=True):
-        assert one == pytest.approx(other, abs=5e-6 * size)
+    pairs = x, y[there], x[back], y
+    nothing = np.empty((0, blocks * k), dtype=np.float32)
+    for kernel, given, expected in (
+        (cross_covariance, pairs, pairs),
+        (cross_covariance, (*pairs[:2], nothing, nothing), (*pairs[:2], nothing, nothing)),
+        (cross_covariance_both_ways, (x, y, there, back), pairs),
+    ):
+        before = [array.copy() for array in given]
+        found = written(kernel, blocks * k, blocks, *given)
+        for one, other in zip(found, cross_covariance_reference(*expected, blocks), strict=True):
+            assert one == pytest.approx(other, abs=5e-6 * scale**2 * (m + n) * k)
+        for array, kept in zip(given, before, strict=True):
+            assert np.array_equal(array, kept)
 
 
 def test_pairs_all_of_one_place_have_no_cross_products():
     one = np.tile(np.float32([0.5, -0.25, 2.0, 1.0]), (32, 1))
-    nothing = np.empty((0, 4), dtype=np.float32)
-    for array in cross_products(one, one, nothing, nothing, 2) + cross_products(one, one, one, one, 2):
-        assert not array.any()
+    for sources in (np.empty((0, 4), dtype=np.float32), one):
+        for array in written(cross_covariance, 4, 2, one, one, sources, sources):
+            assert not array.any()
 
 
 SCALES = [1e-12, 1.0, 1e12]
