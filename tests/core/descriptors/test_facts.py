@@ -108,17 +108,11 @@ def test_a_box_and_two_boxes_apart():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_place_pose_and_size_do_not_count(seed):
+def test_place_pose_size_and_side_do_not_count(seed):
     mesh = make_shape("hand", seed)
     moved = shifted(scaled(turned(mesh, seed), 37.0), [5.0, -200.0, 11.0])
-    np.testing.assert_allclose(global_descriptors(moved), global_descriptors(mesh), atol=1e-9)
-
-
-def test_a_surface_inside_out_has_the_same_terms():
-    mesh = make_shape("cup", 1)
-    np.testing.assert_allclose(
-        global_descriptors(Mesh(mesh.vertices, mesh.faces[:, ::-1])), global_descriptors(mesh)
-    )
+    for other in (moved, Mesh(mesh.vertices, mesh.faces[:, ::-1])):
+        np.testing.assert_allclose(global_descriptors(other), global_descriptors(mesh), atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -16,7 +16,7 @@ from core.errors import (
 from core.io import DEFAULT_LIMITS, Limits, format_of, read_mesh, read_parts
 from core.io.parts import NAME_CHARACTERS, clean_name
 from core.io.step import check_products
-from tests.core.io.files import off
+from tests.core.io.files import faulty, off
 from tests.core.io.step_files import (
     Step,
     step_assembly,
@@ -96,23 +96,25 @@ def of_no_solid():
 
 
 REFUSED = {
-    "prose": (b"Dear Sir or Madam,\n", MalformedMeshError),
-    "a mesh": (b"solid cube\nendsolid\n", MalformedMeshError),
-    "a header alone": (b"ISO-10303-21;\nHEADER;\n", MalformedMeshError),
-    "cut in the middle": (BOX[: len(BOX) // 2], MalformedMeshError),
-    "no faces": (without(b"ADVANCED_FACE"), NoTrianglesError),
-    "no solid": (of_no_solid(), NoTrianglesError),
-    "another file": (elsewhere(b"DOCUMENT_FILE"), ExternalReferenceError),
-    "another file in small letters": (elsewhere(b"document_file"), ExternalReferenceError),
-    "another file by the short name": (elsewhere(b"DCMFL"), ExternalReferenceError),
-    "another file, in a complex entity": (elsewhere(b"(DOCUMENT()DOCUMENT_FILE"), ExternalReferenceError),
+    MalformedMeshError: {
+        "prose": b"Dear Sir or Madam,\n",
+        "a mesh": b"solid cube\nendsolid\n",
+        "a header alone": b"ISO-10303-21;\nHEADER;\n",
+        "cut in the middle": BOX[: len(BOX) // 2],
+    },
+    NoTrianglesError: {"no faces": without(b"ADVANCED_FACE"), "no solid": of_no_solid()},
+    ExternalReferenceError: {
+        "another file": elsewhere(b"DOCUMENT_FILE"),
+        "another file in small letters": elsewhere(b"document_file"),
+        "another file by the short name": elsewhere(b"DCMFL"),
+        "another file, in a complex entity": elsewhere(b"(DOCUMENT()DOCUMENT_FILE"),
+    },
 }
 
 
 @pytest.mark.parametrize("read", [read_mesh, read_parts])
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_faulty_file_is_refused_by_its_cause(name, read):
-    data, error = REFUSED[name]
+@faulty(REFUSED)
+def test_a_faulty_file_is_refused_by_its_cause(data, error, read):
     with pytest.raises(error) as caught:
         read(data, "step")
     assert type(caught.value) is error
@@ -201,21 +203,20 @@ def test_limits_of_parts():
             read_parts(MACHINE, "step", limits=fewer)
 
 
+MANY = b"#900=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#1,#2,$);\n" * 100_000
 ASSEMBLIES = {
-    "an assembly that contains itself": (step_circle(), MalformedMeshError),
-    "a million instances": (step_doubled(20), MeshTooComplexError),
-    "more than any number": (step_doubled(2_000), MeshTooComplexError),
-    "a hundred thousand instances": (
-        step_box().replace(END, b"#900=NEXT_ASSEMBLY_USAGE_OCCURRENCE('','','',#1,#2,$);\n" * 100_000 + END),
-        MeshTooComplexError,
-    ),
+    MalformedMeshError: {"an assembly that contains itself": step_circle()},
+    MeshTooComplexError: {
+        "a million instances": step_doubled(20),
+        "more than any number": step_doubled(2_000),
+        "a hundred thousand instances": step_box().replace(END, MANY + END),
+    },
 }
 
 
 @pytest.mark.parametrize("read", [read_mesh, read_parts])
-@pytest.mark.parametrize("name", ASSEMBLIES)
-def test_assemblies_without_end_are_refused_before_they_are_expanded(name, read):
-    data, error = ASSEMBLIES[name]
+@faulty(ASSEMBLIES)
+def test_assemblies_without_end_are_refused_before_they_are_expanded(data, error, read):
     start = time.process_time()
     with pytest.raises(error) as caught:
         read(data, "step")

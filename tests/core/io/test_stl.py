@@ -18,8 +18,10 @@ ASCII, BINARY = stl(CORNERS), binary_stl(CORNERS)
 FACET = ASCII[ASCII.index(b"facet") : ASCII.index(b"endfacet") + 9]
 
 
+COLOURED = b"".join(BINARY[84 + 50 * i : 132 + 50 * i] + b"\xff\x7f" for i in range(12))
 SOUND = {
     "binary": BINARY,
+    "binary with attributes of faces": BINARY[:84] + COLOURED,
     "binary that begins with solid": binary_stl(CORNERS, header=b"solid cube"),
     "binary with anything in its header": binary_stl(CORNERS, header=b"\xff\xfe\0\0"),
     "ASCII": ASCII,
@@ -43,12 +45,6 @@ SOUND = {
 @pytest.mark.parametrize("data", SOUND.values(), ids=SOUND)
 def test_reads(data):
     mesh = read_mesh(data, "stl")
-    assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
-
-
-def test_attributes_of_faces_are_left_out():
-    coloured = b"".join(BINARY[84 + 50 * i : 132 + 50 * i] + b"\xff\x7f" for i in range(12))
-    mesh = read_mesh(BINARY[:84] + coloured, "stl")
     assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
 
 
