@@ -10,7 +10,6 @@ from core.graph.geodesics import (
     _select,
     farthest_points,
     farthest_points_reference,
-    geodesic_distances,
     geodesics,
     geodesics_reference,
 )
@@ -66,12 +65,6 @@ def test_a_search_that_goes_astray_is_left_to_scipy():
     np.testing.assert_array_equal(
         geodesics(graph, samples, points), geodesics_reference(graph, samples, points)
     )
-
-
-def test_between_the_samples_they_are_symmetric():
-    graph = many_lengths()
-    distances = geodesic_distances(graph, np.arange(0, 200, 9))
-    np.testing.assert_array_equal(distances, distances.T)
 
 
 KINDS = [*GALLERY[:6], "soup", "loose parts", "sphere", "sheet"]

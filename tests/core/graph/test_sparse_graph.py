@@ -15,8 +15,6 @@ from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
 from tests.core.shapes import MANY_KINDS, blob, faces_shuffled, folded, icosphere, rectangle, turned
 
-SQUARE = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-
 
 def sampled(graph, count, seed=0):
     return np.random.default_rng(seed).choice(graph.shape[0], size=count, replace=False)
@@ -82,12 +80,6 @@ def test_sparse_graph_of_a_mesh_full_of_ties_does_not_hang_on_how_it_is_given(se
     found = sparse_graph(edge_graph(changed), place[samples])
     assert found.edges.tolist() == expected.edges.tolist()
     np.testing.assert_allclose(found.lengths, expected.lengths)
-
-
-def test_diagonal_across_a_square():
-    ends, lengths = diagonals(SQUARE.vertices, SQUARE.faces)
-    assert sorted(ends[0]) == [1, 3]
-    assert lengths == pytest.approx([2**0.5])
 
 
 @pytest.mark.parametrize("fold", np.linspace(-3.0, 3.0, 7))

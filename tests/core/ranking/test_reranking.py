@@ -204,6 +204,8 @@ def test_shapes_that_match_well_rank_well(embeddings):
     records = [match_record(embedding, DEFAULT) for embedding in embeddings]
     quantised = np.stack([coarse_samples(embedding) for embedding in embeddings])
     rough = coarse_ranking(records[0], quantised, DEFAULT)
+    quantised.flags.writeable = False
+    assert np.array_equal(coarse_ranking(records[0], quantised, DEFAULT), rough)
     exact = score_match_records(records[0], records, DEFAULT).cc
     assert rough == pytest.approx(exact, abs=0.1)
     assert np.array_equal(np.argsort(rough), np.argsort(exact))
@@ -214,14 +216,6 @@ def test_a_shape_without_samples_is_last(embeddings):
     nothing = np.zeros((1, len(coarse_samples(embeddings[0]))), dtype=np.uint8)
     assert coarse_ranking(record, nothing, DEFAULT).tolist() == [-1.0]
     assert coarse_ranking(record, nothing[:0], DEFAULT).shape == (0,)
-
-
-def test_coarse_samples_that_cannot_be_written_to_give_the_same(embeddings):
-    record = match_record(embeddings[0], DEFAULT)
-    quantised = np.stack([coarse_samples(embedding) for embedding in embeddings])
-    expected = coarse_ranking(record, quantised, DEFAULT)
-    quantised.flags.writeable = False
-    assert np.array_equal(coarse_ranking(record, quantised, DEFAULT), expected)
 
 
 def test_coarse_samples_of_the_paper_s_setting():

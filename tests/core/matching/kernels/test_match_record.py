@@ -49,10 +49,6 @@ def test_many_are_matched_as_one_by_one_whichever_is_the_query(prepared):
         assert (found[i].cc[i], found[i].ssd[i], found[i].sim[i]) == (1.0, 0.0, 1.0)
 
 
-def test_no_match_records_have_no_scores(prepared):
-    assert score_match_records(prepared[0], [], DEFAULT).cc.shape == (0,)
-
-
 def test_match_records_of_another_type_are_refused(prepared):
     with pytest.raises(TypeError, match="float64"):
         score_match_records(prepared[0], [np.zeros(len(prepared[1]))], DEFAULT)
