@@ -14,7 +14,7 @@ from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
 from core.parameters import Parameters
-from service.auth.gate import Gate, Hosts
+from service.auth.gate import Gate
 from service.auth.keys import KeyRing
 from service.collections.endpoints import PARAMETER
 from service.collections.endpoints import PROBLEMS as CHOOSING_PROBLEMS
@@ -82,7 +82,7 @@ def create_app(settings: Settings) -> FastAPI:
         The file of parameters is invalid.
     """
     parameters = load_parameters(settings.pipeline)
-    hosts = Hosts({*settings.hosts, settings.host}, any=settings.has_keys and not settings.hosts)
+    hosts = None if settings.has_keys and not settings.hosts else {*settings.hosts, settings.host}
     gate = Gate(KeyRing(settings.api_keys, settings.read_keys), settings.rate_limit, hosts)
     metrics = Metrics()
 

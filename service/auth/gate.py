@@ -40,29 +40,22 @@ def is_loopback_name(name: str) -> bool:
         return False
 
 
-class Hosts:
-    """The check of the header Host: it has one of `names` or of the loopback interface, or `any` name."""
+def check_host(headers: Headers, known: Collection[str] | None) -> None:
+    """Refuse a request whose header Host has neither a known name nor one of the loopback interface.
 
-    def __init__(self, names: Collection[str], *, any: bool) -> None:
-        self._names = frozenset(map(name_in, names))
-        self._any = any
+    `known` has names in the form of `name_in`; None allows any name.
 
-    def check(self, headers: Headers) -> None:
-        """Refuse a request for another name.
-
-        Raises
-        ------
-        MisdirectedRequestError
-            The request names another host, or none.
-        """
-        if self._any:
-            return
-        names = [name_in(host) for host in headers.getlist("host")] or [""]
-        for name in names:
-            if not (name in self._names or is_loopback_name(name)):
-                raise MisdirectedRequestError(
-                    f"this service does not answer as {name[:80]!r}; the setting ISOSHAPE_HOSTS adds a name"
-                )
+    Raises
+    ------
+    MisdirectedRequestError
+        The request names another host, or none.
+    """
+    names = [name_in(host) for host in headers.getlist("host")] or [""]
+    for name in names:
+        if not (known is None or name in known or is_loopback_name(name)):
+            raise MisdirectedRequestError(
+                f"this service does not answer as {name[:80]!r}; the setting ISOSHAPE_HOSTS adds a name"
+            )
 
 
 class RateLimit:
@@ -150,12 +143,13 @@ def from_another_site(headers: Headers) -> bool:
 class Gate:
     """Keys, sessions, rate limits and names of one service.
 
-    Use it in the event loop only: it has no locks.
+    Use it in the event loop only: it has no locks. `hosts` has the names under which the service answers;
+    None stands for any.
     """
 
-    def __init__(self, keys: KeyRing, rate_limit: int, hosts: Hosts) -> None:
+    def __init__(self, keys: KeyRing, rate_limit: int, hosts: Collection[str] | None) -> None:
         self._keys = keys
-        self._hosts = hosts
+        self._hosts = None if hosts is None else frozenset(map(name_in, hosts))
         self._rates = RateLimit(rate_limit)
         self.sessions = Sessions()
 
@@ -195,7 +189,7 @@ class Gate:
             The key has exceeded its rate limit.
         """
         if not (self._keys and path in PROBES):
-            self._hosts.check(headers)
+            check_host(headers, self._hosts)
         if method not in SAFE_METHODS and key_in(headers) is None and from_another_site(headers):
             raise CrossSiteError("pages of other sites cannot use this service")
         level = needed(method, path)

@@ -4,7 +4,7 @@ Executors do the work: processes on this machine, or a Dask cluster.
 """
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple, Union
 
 from starlette.concurrency import run_in_threadpool
 
-from core.embedding import Match, Scores
 from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, MeshTooComplexError
 from core.io import Limits
 from core.mesh.mesh import Mesh
@@ -31,7 +30,7 @@ from service.compute.sandbox import (
     read_file,
     read_part_files,
 )
-from service.compute.tasks import Embedded, embed_mesh, match_embeddings, score_embeddings
+from service.compute.tasks import Embedded, embed_mesh
 from service.errors import (
     BusyError,
     CompilingError,
@@ -207,15 +206,8 @@ class RequestQueue:
             del mesh
             return await asyncio.wrap_future(task)
 
-    async def score(self, query: bytes, records: Sequence[bytes], pipeline: Pipeline) -> Scores:
-        """Return the scores of the query with each of c records, shape (c,); NaN for unreadable ones."""
-        return await self._compare(score_embeddings, query, records, pipeline.parameters)
-
-    async def match(self, first: bytes, second: bytes, pipeline: Pipeline) -> Match:
-        """Match two records."""
-        return await self._compare(match_embeddings, first, second, pipeline.parameters)
-
-    async def _compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
+    async def compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
+        """Call a function on stored embeddings in a worker; too little memory is no fault of the request."""
         with short_of_memory(), _failures_logged():
             return await asyncio.wrap_future(self.executor.submit(function, *arguments))
 

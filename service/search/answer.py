@@ -15,6 +15,7 @@ from core.ranking.similarity_map import similarity_map
 from core.registration.rigid_copy import may_be_copy
 from service.collection import CollectionNumber
 from service.compute.request_queue import short_of_memory
+from service.compute.tasks import match_embeddings
 from service.container import Container
 from service.errors import NotEmbeddedError
 from service.observability.metrics import Timings
@@ -303,7 +304,8 @@ async def _correspondence(container: Container, query: Query, surface: Surface |
     """Match the query with a result; None if the embedding of the result was deleted meanwhile."""
     if surface is None:
         return None
-    match = await container.queue.match(query.record, surface.record, query.active_pipeline.pipeline)
+    parameters = query.active_pipeline.pipeline.parameters
+    match = await container.queue.compare(match_embeddings, query.record, surface.record, parameters)
     return pairs(match, query.embedding, surface.embedding)
 
 

@@ -171,7 +171,8 @@ async def _compare(
         reading = container.database.reading
         sample = await reading(collection_sample, container, active_pipeline, collection)
     with timings.stage("compare"):
-        match = await container.queue.match(first.record, second.record, pipeline)
+        records = first.record, second.record
+        match = await container.queue.compare(tasks.match_embeddings, *records, pipeline.parameters)
         combined = await run_in_threadpool(_combined, first.embedding, second.embedding, match, sample)
         typical = await run_in_threadpool(_combined, first.embedding, second.embedding, match, None)
     with timings.stage("likeness"):
@@ -215,7 +216,6 @@ async def _compare(
             ]
             return Response(await do(rendering.coloured, pair, points, FACES), media_type=MEDIA_TYPE)
     with timings.stage("dense"):
-        records = first.record, second.record
         ways = await do(tasks.dense_correspondence, *meshes, *records, pipeline.parameters)
     if options.format == "npz":
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)

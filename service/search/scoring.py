@@ -29,7 +29,7 @@ from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_diff
 from core.ranking.reranking import coarse_ranking, rerank
 from core.ranking.shortlist import least
 from service.compute.request_queue import short_of_memory
-from service.compute.tasks import part_of_mesh
+from service.compute.tasks import part_of_mesh, score_embeddings
 from service.container import Container
 from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
@@ -218,9 +218,9 @@ class Cascade:
         numbers = embeddings.tolist()
         records = await run_in_threadpool(self.reader.records, numbers)
         present = [number for number in numbers if number in records]
-        pipeline = self.query.active_pipeline.pipeline
-        matched = await self.container.queue.score(
-            self.query.record, [records[number] for number in present], pipeline
+        present_records = [records[number] for number in present]
+        matched = await self.container.queue.compare(
+            score_embeddings, self.query.record, present_records, self.parameters
         )
         described = await run_in_threadpool(self.reader.descriptors, numbers) if self.by_log_odds else {}
         return await run_in_threadpool(self._all_scores, candidates, numbers, present, matched, described)

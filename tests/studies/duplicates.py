@@ -180,10 +180,10 @@ async def _groups(container: Container) -> tuple[Groups, Groups]:
     parameters = active.pipeline.parameters
     copies, variants = np.zeros((2, len(shapes), len(shapes)), dtype=bool)
     for i, j in combinations(range(len(shapes)), 2):
-        if (await container.queue.match(records[i], records[j], active.pipeline)).cc < MIN_CC:
+        pair = records[i], records[j]
+        if (await container.queue.compare(tasks.match_embeddings, *pair, parameters)).cc < MIN_CC:
             continue
-        pair = meshes[i], meshes[j], records[i], records[j]
-        registered = await container.queue.do(tasks.registered, *pair, parameters)
+        registered = await container.queue.do(tasks.registered, meshes[i], meshes[j], *pair, parameters)
         if registered is not None and registered.residual <= RESIDUAL:
             variants[i, j] = True
             copies[i, j] = registered.difference is None
