@@ -1,6 +1,6 @@
 """Baselines: other methods of shape comparison, mostly by external libraries; meshes in, distances out.
 
-- ShapeDNA: the Laplace-Beltrami spectrum, computed and compared by LaPy (Reuter, Wolter, Peinecke,
+- ShapeDNA: the Laplace-Beltrami spectrum by LaPy (Reuter, Wolter, Peinecke,
   "Laplace-Beltrami spectra as Shape-DNA of surfaces and solids", Computer-Aided Design 38, 2006).
 - ICP: the distance between two point clouds after the best rigid motion, by trimesh (Besl, McKay, "A method
   for registration of 3-D shapes", IEEE PAMI 14(2), 1992).
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist, pdist
 
 from core.arrays import Bytes, Floats
 from core.descriptors.views import view_descriptor, view_distance
@@ -89,13 +89,6 @@ def spectrum(mesh: Mesh) -> Floats:
     # LaPy computes the area from edge lengths, which gives NaN for slivers by rounding.
     area = float(face_areas(surface.v, surface.t).sum())
     return np.asarray(reweight_ev(area * values[1:]))
-
-
-def spectral_distances(description: Floats, others: Sequence[Floats]) -> Floats:
-    """Return Euclidean distances between spectra, shape (c,)."""
-    from lapy.shapedna import compute_distance  # noqa: PLC0415
-
-    return np.array([compute_distance(description, other) for other in others])
 
 
 def random_points(mesh: Mesh) -> Floats:
@@ -173,11 +166,6 @@ def distance_distribution(mesh: Mesh) -> Floats:
     return np.asarray(counts / len(lengths))
 
 
-def histogram_distances(description: Floats, others: Sequence[Floats]) -> Floats:
-    """Return L1 distances between histograms, shape (c,), in [0, 2]."""
-    return np.array([np.abs(description - other).sum() for other in others])
-
-
 def views(mesh: Mesh) -> Bytes:
     """Return the view descriptor of the cleaned mesh, shape (VIEW_BYTES,)."""
     surface = clean(mesh).mesh
@@ -189,11 +177,16 @@ def view_distances(description: Bytes, others: Sequence[Bytes]) -> Floats:
     return view_distance(description, np.stack(others))
 
 
+def vector_distances(metric: str, description: Floats, others: Sequence[Floats]) -> Floats:
+    """Return the Euclidean or L1 ("cityblock") distances of a vector from c others, shape (c,)."""
+    return np.asarray(cdist([description], others, metric)[0])
+
+
 BASELINES = {
-    "shapedna": Baseline(spectrum, spectral_distances, "lapy"),
+    "shapedna": Baseline(spectrum, partial(vector_distances, "euclidean"), "lapy"),
     "icp": Baseline(random_points, registered_distances),
     "mds": Baseline(bent_form, partial(registered_distances, mirrored=True), "sklearn"),
-    "d2": Baseline(distance_distribution, histogram_distances),
+    "d2": Baseline(distance_distribution, partial(vector_distances, "cityblock")),
     "views": Baseline(views, view_distances),
 }
 """Each baseline by the name that `isoshape evaluate --method` takes."""

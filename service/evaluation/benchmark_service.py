@@ -235,7 +235,7 @@ def bound_to(chosen: Sequence[int]) -> Iterator[None]:
 
 
 @contextmanager
-def served(url: str, **settings: int) -> Iterator[tuple[ChildService, Client]]:
+def served(url: str, **settings: int | str) -> Iterator[tuple[ChildService, Client]]:
     """Yield a ready service, which does not search for duplicates in the background, and its client."""
     with bind(LOOPBACK, 0) as bound:
         port = bound.getsockname()[1]

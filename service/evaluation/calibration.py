@@ -4,7 +4,6 @@ Shapes made incomplete are queries to the clean shapes of their collection, in a
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -27,10 +26,18 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import PART_FEATURES, features, isometry_bonus, part_features
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
-from service.evaluation.pairwise_scores import Done, PairScores, embed_files, loaded, reason, stored
+from service.console import counted, progress, say
+from service.evaluation.pairwise_scores import (
+    PairScores,
+    embed_files,
+    in_order,
+    loaded,
+    reason,
+    stored,
+    worker_pool,
+)
+from service.evaluation.retrieval import Files, labels_of, usable
 
-Told = Callable[[str], object]
-"""Called with the reason why a file cannot be used."""
 Perturb = Callable[[Mesh, float, int], Mesh]
 """A function of a mesh, an amount and a seed, as in `core.evaluation.perturbation`."""
 
@@ -44,28 +51,6 @@ LEVELS: list[tuple[Perturb, float]] = [
 
 DIGITS = 4
 """Decimals of the constants that the command prints."""
-
-
-@dataclass(frozen=True, eq=False)
-class Gallery:
-    """The clean shapes that have an embedding: files, their classes, and their embeddings."""
-
-    files: tuple[Path, ...]
-    labels: tuple[str, ...]
-    embeddings: tuple[Embedding, ...]
-
-
-def clean_gallery(pool: Executor, files: Sequence[tuple[Path, str]], tell: Told, done: Done) -> Gallery:
-    """Return the files that can be embedded; `tell` receives the reason for each of the others."""
-    results = embed_files(pool, [path for path, _ in files], done)
-    kept: list[tuple[Path, str, Embedding]] = []
-    for (path, label), result in zip(files, results, strict=True):
-        if isinstance(result, str):
-            tell(f"{path}: {result}")
-        else:
-            kept.append((path, label, result))
-    paths, labels, embeddings = zip(*kept, strict=True) if kept else ((), (), ())
-    return Gallery(tuple(paths), tuple(labels), tuple(embeddings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,21 +109,24 @@ def _load(path: Path) -> tuple[list[Embedding], list[ShapeDescriptors], DensityS
     return embeddings, descriptors, sample, densities_in(sample, descriptors)
 
 
-def part_pairs(pool: Executor, gallery: Gallery, tell: Told, done: Done) -> list[LabelledPairs]:
+def part_pairs(files: Files, workers: int) -> list[LabelledPairs]:
     """Return for each of `LEVELS` the features of shapes that look incomplete after it and of clean ones."""
-    count = len(gallery.files)
     levels = []
-    with stored(list(gallery.embeddings)) as embeddings:
-        for perturb, amount in LEVELS:
-            pairs, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
-            rows = pool.map(partial(_part_features, embeddings, perturb, amount), gallery.files)
-            for i, row in enumerate(rows):
-                if isinstance(row, str):
-                    tell(f"{gallery.files[i]}, {perturb.__name__} {100 * amount:g} %: {row}")
-                elif row is not None:
-                    pairs[i], asked[i] = row, True
-                done(1)
-            levels.append(LabelledPairs(gallery.labels, pairs, asked, weight=1.0 / len(LEVELS)))
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
+        done = counted(bar, "embedding", len(files))
+        files, embeddings = usable(files, embed_files(pool, [path for path, _ in files], done))
+        count, labels = len(files), tuple(labels_of(files))
+        done = counted(bar, "incomplete queries", count * len(LEVELS))
+        with stored(embeddings) as path:
+            for perturb, amount in LEVELS:
+                pairs, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
+                query = partial(_part_features, path, perturb, amount)
+                for i, row in enumerate(in_order(pool, query, [path for path, _ in files], done)):
+                    if isinstance(row, str):
+                        say(f"{files[i][0]}, {perturb.__name__} {100 * amount:g} %: {row}")
+                    elif row is not None:
+                        pairs[i], asked[i] = row, True
+                levels.append(LabelledPairs(labels, pairs, asked, weight=1.0 / len(LEVELS)))
     return levels
 
 
@@ -228,15 +216,8 @@ def _numbers(judged: Reliability) -> dict[str, object]:
 
 def summary(judged: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     """Return headings, a row for all collections together, one for each, and one for incomplete shapes."""
-    formats = {
-        "name": "",
-        "shapes": "",
-        "classes": "",
-        "base_rate": ".3f",
-        "error": ".4f",
-        "error_upper": ".3f",
-    }
-    formats |= dict.fromkeys(("nn", "ft", "st"), ".3f")
+    formats = {"name": "", "shapes": "", "classes": "", "base_rate": ".3f", "error": ".4f"}
+    formats |= dict.fromkeys(("error_upper", "nn", "ft", "st"), ".3f")
     headings = ["collection", "shapes", "classes", "base rate", "error", f"error above {UPPER / BINS:g}"]
     together = {"name": "all together", **judged["together"]}
     parts = {"name": "incomplete shapes", "shapes": judged["incomplete"]["queries"], **judged["incomplete"]}

@@ -3,8 +3,8 @@
 import os
 import pickle
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
@@ -80,7 +80,7 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
     cc, ssd, sim = np.eye(n), np.zeros((n, n)), np.eye(n)
     differences: dict[str, Floats] = defaultdict(lambda: np.zeros((n, n)))
     with stored(list(embeddings)) as path:
-        for i, (scores, row) in as_they_end(pool, partial(_score_row, path), range(n)):
+        for i, (scores, row) in enumerate(pool.map(partial(_score_row, path), range(n))):
             for matrix, values in ((cc, scores.cc), (ssd, scores.ssd), (sim, scores.sim)):
                 matrix[i, i + 1 :] = matrix[i + 1 :, i] = values[1:]
             flat = {name: values for name, values in vars(row).items() if name != "distances"}
@@ -136,24 +136,15 @@ def reason(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def as_they_end(
-    pool: Executor, function: Callable[[Argument], Result], arguments: Sequence[Argument]
-) -> Iterator[tuple[int, Result]]:
-    """Call the function with each argument; yield indices and results in the order of completion."""
-    futures = {pool.submit(function, argument): i for i, argument in enumerate(arguments)}
-    for future in as_completed(futures):
-        yield futures[future], future.result()
-
-
 def in_order(
-    pool: Executor, function: Callable[[Argument], Result], arguments: Sequence[Argument], done: Done
+    pool: Executor, function: Callable[[Argument], Result], arguments: Iterable[Argument], done: Done
 ) -> list[Result]:
     """Call the function with each argument; return the results in the order of the arguments."""
-    results = {}
-    for i, result in as_they_end(pool, function, arguments):
-        results[i] = result
+    results = []
+    for result in pool.map(function, arguments):
+        results.append(result)
         done(1)
-    return [results[i] for i in range(len(arguments))]
+    return results
 
 
 def _start_worker(parameters: Parameters) -> None:

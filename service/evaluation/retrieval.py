@@ -54,26 +54,24 @@ def spread(files: Files, count: int) -> Files:
     return [file for file in files if file in kept]
 
 
-def score_collection(
-    files: Sequence[tuple[Path, str]], parameters: Parameters, workers: int
-) -> tuple[list[str], PairScores]:
+def score_collection(files: Files, parameters: Parameters, workers: int) -> tuple[list[str], PairScores]:
     """Return labels and scores of the readable files; the others are reported on standard error."""
     paths = [path for path, _ in files]
     with worker_pool(parameters, workers) as pool, progress() as bar:
-        labels, embeddings = usable(files, embed_files(pool, paths, counted(bar, "embedding", len(paths))))
+        files, embeddings = usable(files, embed_files(pool, paths, counted(bar, "embedding", len(paths))))
         pairs = comb(len(embeddings), 2)
-        return labels, score_pairs(pool, embeddings, counted(bar, "matching pairs", pairs))
+        return labels_of(files), score_pairs(pool, embeddings, counted(bar, "matching pairs", pairs))
 
 
-def score_baseline(files: Sequence[tuple[Path, str]], method: str, workers: int) -> tuple[list[str], Floats]:
+def score_baseline(files: Files, method: str, workers: int) -> tuple[list[str], Floats]:
     """Return labels of the files that a baseline can use, and its distances between them, shape (n, n)."""
     require(method)
     paths = [path for path, _ in files]
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         done = counted(bar, f"{method}: describing", len(paths))
-        labels, descriptions = usable(files, describe_files(pool, method, paths, done))
+        files, descriptions = usable(files, describe_files(pool, method, paths, done))
         done = counted(bar, f"{method}: comparing pairs", comb(len(descriptions), 2))
-        return labels, distance_matrix(pool, method, descriptions, done)
+        return labels_of(files), distance_matrix(pool, method, descriptions, done)
 
 
 def require(method: str) -> None:
@@ -83,24 +81,25 @@ def require(method: str) -> None:
         fail(f"{method} needs {library}, which is not installed: pip install isoshape[peers]", status=2)
 
 
-def usable(
-    files: Sequence[tuple[Path, str]], results: Sequence[Result | str]
-) -> tuple[list[str], list[Result]]:
-    """Return labels and results of the files that have a result; print the errors of the others.
+def usable(files: Files, results: Sequence[Result | str]) -> tuple[Files, list[Result]]:
+    """Return the files that have a result, and these; print the errors of the others.
 
     The command ends if no file has a result.
     """
-    labels: list[str] = []
-    kept: list[Result] = []
-    for (path, label), result in zip(files, results, strict=True):
+    kept: list[tuple[tuple[Path, str], Result]] = []
+    for file, result in zip(files, results, strict=True):
         if isinstance(result, str):
-            say(f"{path}: {result}")
+            say(f"{file[0]}: {result}")
         else:
-            labels.append(label)
-            kept.append(result)
+            kept.append((file, result))
     if not kept:
         fail("no file could be used")
-    return labels, kept
+    return [file for file, _ in kept], [result for _, result in kept]
+
+
+def labels_of(files: Files) -> list[str]:
+    """Return the class of each file."""
+    return [label for _, label in files]
 
 
 def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: RankBy) -> Evaluation:

@@ -24,7 +24,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from service.console import counted, progress
 from service.datasets import LABELS_FILE, DatasetError, MeshFile, read_labels
-from service.evaluation.pairwise_scores import as_they_end, worker_pool
+from service.evaluation.pairwise_scores import worker_pool
 
 OURS, PLAIN, ORIENTED = "isoshape", "pyfmaps", "pyfmaps_oriented"
 """The methods: ours, and functional maps by pyfmaps without and with their orientation term."""
@@ -87,8 +87,8 @@ def study_truth(
     errors: dict[tuple[int, int], dict[str, TruthErrors]] = {}
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         done = counted(bar, "matching pairs", len(pairs))
-        for i, results in as_they_end(pool, _errors, arguments):
-            errors.update(zip(tasks[i], results, strict=True))
+        for task, results in zip(tasks, pool.map(_errors, arguments), strict=True):
+            errors.update(zip(task, results, strict=True))
             done(len(results))
     kinds = dict(zip(KINDS, drawn, strict=True))
     return {
@@ -97,9 +97,7 @@ def study_truth(
     }
 
 
-def _errors(
-    task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]],
-) -> list[dict[str, TruthErrors]]:
+def _errors(task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]]) -> list[dict[str, TruthErrors]]:
     pairs, seed, methods = task
     return [{method: _errors_by(method, *pair, seed) for method in methods} for pair in pairs]
 

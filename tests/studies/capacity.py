@@ -190,7 +190,7 @@ def fill_postgresql(url: str, stored: Float32s) -> None:
 
 
 def in_postgresql(
-    path: Path, count: int, queries: int, m: int, ef_construction: int, ef_search: list[int], more: list[int]
+    path: Path, count: int, queries: int, ef_search: list[int], more: list[int]
 ) -> tuple[dict[str, object], list[dict[str, object]]]:
     """Return the size of the graph and the seconds to build it, and searches, exact and by the graph."""
     stored, asked = signatures(path, count, queries)
@@ -200,8 +200,8 @@ def in_postgresql(
     with closing(Database(url, lock_seconds=60)) as database:
         began = time.perf_counter()
         with database.write() as session:
-            ensure_hnsw(session, FINGERPRINT, m=m, ef_construction=ef_construction)
-        graph: dict[str, object] = {"signatures": count, "m": m, "ef_construction": ef_construction}
+            ensure_hnsw(session, FINGERPRINT)
+        graph: dict[str, object] = {"signatures": count, "m": M, "ef_construction": EF_CONSTRUCTION}
         graph["built_s"] = time.perf_counter() - began
         with engines.bare(url) as connection:
             connection.execute(text("ANALYZE"))
@@ -232,16 +232,7 @@ def _search(
     return numbers - 1
 
 
-def main(
-    folder: Path,
-    count: int,
-    rows: int,
-    queries: int,
-    m: int,
-    ef_construction: int,
-    ef_search: list[int],
-    more: list[int],
-) -> bool:
+def main(folder: Path, count: int, rows: int, queries: int, ef_search: list[int], more: list[int]) -> bool:
     """Write bytes.csv, storing.csv, search.csv, graph.csv and vectors.csv; return whether exact search is
     right."""
     write(folder / "bytes.csv", bytes_of_a_shape())
@@ -250,9 +241,7 @@ def main(
         searches = in_memory(Path(scratch) / "memory", count, max(2, queries // 5))
         write(folder / "search.csv", searches)
         print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:,.0f} MiB")
-        graph, vectors = in_postgresql(
-            Path(scratch) / "rows", rows, queries, m, ef_construction, ef_search, more
-        )
+        graph, vectors = in_postgresql(Path(scratch) / "rows", rows, queries, ef_search, more)
     write(folder / "graph.csv", [graph], digits=7)
     write(folder / "vectors.csv", vectors)
     exact = [*searches, *(row for row in vectors if row["ef_search"] == "exact")]
@@ -261,16 +250,7 @@ def main(
 
 if __name__ == "__main__":
     try:
-        run(
-            main,
-            __doc__,
-            count=10_000_000,
-            rows=1_000_000,
-            queries=50,
-            m=M,
-            ef_construction=EF_CONSTRUCTION,
-            ef_search=(100, EF_SEARCH, 1_000),
-            more=(MORE,),
-        )
+        options = {"count": 10_000_000, "rows": 1_000_000, "queries": 50}
+        run(main, __doc__, **options, ef_search=(100, EF_SEARCH, 1_000), more=(MORE,))
     finally:
         engines.stop()

@@ -67,7 +67,9 @@ def faults_of(module: str, text: str) -> Iterator[Fault]:
             yield fault(node, "off by one", f"({node.value} + 1)")
         elif isinstance(node, ast.If | ast.IfExp):
             yield fault(node.test, "condition", f"(not ({ast.unparse(node.test)}))")
-        elif isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and _is_call(node.value)):
+        elif isinstance(node, ast.AugAssign) or (
+            isinstance(node, ast.Expr) and isinstance(node.value, ast.Call | ast.Await)
+        ):
             yield fault(node, "left out", "pass")
 
 
@@ -80,23 +82,15 @@ def _is_text(node: ast.BinOp) -> bool:
     )
 
 
-def _is_call(node: ast.expr) -> bool:
-    return isinstance(node, ast.Call | ast.Await)
-
-
 def draw(count: int, seed: int, only: str) -> list[Fault]:
     """Return so many faults, at most one a module: modules and then their faults are drawn evenly."""
     generator = np.random.default_rng(seed)
-    modules = [
-        path
-        for package in ("core", "service")
-        for path in sorted((ROOT / package).rglob("*.py"))
-        if path.relative_to(ROOT).as_posix().startswith(only)
-    ]
+    paths = [path for package in ("core", "service") for path in sorted((ROOT / package).rglob("*.py"))]
+    modules = [path.relative_to(ROOT).as_posix() for path in paths]
+    modules = [module for module in modules if module.startswith(only)]
     drawn: list[Fault] = []
-    for i in generator.permutation(len(modules)):
-        module = modules[i].relative_to(ROOT).as_posix()
-        possible = list(faults_of(module, modules[i].read_text(encoding="utf-8")))
+    for module in np.array(modules)[generator.permutation(len(modules))].tolist():
+        possible = list(faults_of(module, (ROOT / module).read_text(encoding="utf-8")))
         if possible and len(drawn) < count:
             drawn.append(possible[generator.integers(len(possible))])
     return drawn

@@ -3,7 +3,10 @@
 Lengths are millimetres. Each part has a family, a number that draws its dimensions, and at most one change.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import reduce
+from operator import sub
 from typing import Literal
 
 import numpy as np
@@ -64,6 +67,10 @@ class Drawing:
         """Return a cylinder along z, from below z = 0 to above the depth."""
         return extruded(self.circle(x, y, radius), depth + 2.0).translate((0.0, 0.0, -1.0))
 
+    def drilled(self, body: Manifold, holes: Iterable[tuple[float, float, float]], depth: float) -> Manifold:
+        """Return the body without holes (x, y, radius) along z."""
+        return reduce(sub, (self.drill(*hole, depth) for hole in holes), body)
+
     def rounded(self, corners: list[Point], radii: list[float]) -> list[Point]:
         """Return a polygon whose corners are rounded by arcs; a radius of 0 leaves a corner."""
         outline: list[Point] = []
@@ -98,6 +105,11 @@ def extruded(outline: list[Point], height: float) -> Manifold:
     return CrossSection([outline], FillRule.NonZero).extrude(height)
 
 
+def polar(radius: float, angle: float) -> Point:
+    """Return a point by its distance from the origin and its angle."""
+    return float(radius * np.cos(angle)), float(radius * np.sin(angle))
+
+
 def _unit(vector: np.ndarray) -> np.ndarray:
     return np.asarray(vector / np.linalg.norm(vector))
 
@@ -111,9 +123,7 @@ def plate(drawing: Drawing) -> Manifold:
     holes = [(12.0 + drawing.of("moved", 2.0), 12.0, hole * drawing.larger), (wide - 14.0, 13.0, hole)]
     holes += [(wide / 2.0 + 3.0, deep - 12.0, 1.3 * hole)]
     holes += [(14.0, deep - 13.0, hole)] * (drawing.change == "hole")
-    for x, y, radius in holes:
-        body -= drawing.drill(x, y, radius, thick)
-    return body
+    return drawing.drilled(body, holes, thick)
 
 
 def bracket(drawing: Drawing) -> Manifold:
@@ -144,11 +154,9 @@ def flange(drawing: Drawing) -> Manifold:
     ring = 0.5 * (hub + 3.0 + radius)
     angles = 2.0 * np.pi * np.arange(count) / count
     angles[0] += drawing.of("moved", 2.0 / ring)
-    holes = [(angle, hole * (drawing.larger if k == 0 else 1.0)) for k, angle in enumerate(angles)]
-    holes += [(np.pi / count, hole)] * (drawing.change == "hole")
-    for angle, size in holes:
-        body -= drawing.drill(ring * np.cos(angle), ring * np.sin(angle), size, thick)
-    return body
+    sizes = [hole * drawing.larger] + [hole] * (count - 1)
+    holes = [*zip(angles, sizes, strict=True), *[(np.pi / count, hole)] * (drawing.change == "hole")]
+    return drawing.drilled(body, ((*polar(ring, angle), size) for angle, size in holes), thick)
 
 
 def gear(drawing: Drawing) -> Manifold:
@@ -160,8 +168,7 @@ def gear(drawing: Drawing) -> Manifold:
     outline = []
     for tooth in range(teeth):
         for share, height in steps:
-            angle, reach = 2.0 * np.pi * (tooth + share) / teeth, pitch + height * module
-            outline.append((float(reach * np.cos(angle)), float(reach * np.sin(angle))))
+            outline.append(polar(pitch + height * module, 2.0 * np.pi * (tooth + share) / teeth))
     bore = 0.28 * pitch
     body = extruded(outline, thick) - drawing.drill(0.0, 0.0, bore, thick)
     corners = [(-2.5, 0.0), (2.5, 0.0), (2.5, bore + 2.3), (-2.5, bore + 2.3)]
@@ -172,7 +179,7 @@ def gear(drawing: Drawing) -> Manifold:
     for k, angle in enumerate(holes):
         reach = 0.6 * pitch + (drawing.of("moved", 1.5) if k == 0 else 0.0)
         size = 0.14 * pitch * (drawing.larger if k == 0 else 1.0)
-        body -= drawing.drill(reach * np.cos(angle), reach * np.sin(angle), size, thick)
+        body -= drawing.drill(*polar(reach, angle), size, thick)
     return body
 
 

@@ -22,13 +22,7 @@ from threadpoolctl import threadpool_limits
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from service.evaluation.benchmark_method import (
-    Spread,
-    all_meshes,
-    embedding_seconds,
-    match_steps,
-    neighbours,
-)
+from service.evaluation.benchmark_method import Spread, all_meshes, embedding_seconds, match_steps, neighbours
 from service.evaluation.benchmark_shapes import Source, nearest, read_source
 from service.evaluation.template_truth import functional_map, spectrum
 from tests.studies.common import run, write

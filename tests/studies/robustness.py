@@ -21,21 +21,16 @@ from matplotlib.figure import Figure
 from core.arrays import Floats
 from core.descriptors.partial import describe_part, is_part, part_distances, whole_spin_images
 from core.descriptors.spin_images import KEYPOINTS
+from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part, remove_discs, subdivide
 from core.evaluation.retrieval_measures import evaluate
 from core.gallery import make_shape
 from core.mesh.simplification import decimate
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import pooled_log_odds
-from service.evaluation.calibration import Gallery, Perturb, clean_gallery, perturbed_query
-from service.evaluation.pairwise_scores import (
-    as_they_end,
-    default_workers,
-    score_pairs,
-    stored,
-    worker_pool,
-)
-from service.evaluation.retrieval import collection_files
+from service.evaluation.calibration import Perturb, perturbed_query
+from service.evaluation.pairwise_scores import default_workers, embed_files, score_pairs, stored, worker_pool
+from service.evaluation.retrieval import Files, collection_files, labels_of, usable
 from tests.studies.common import Panel, grid, run, save, write
 from tests.studies.perturbation import add_noise, make_soup, separate_parts
 
@@ -121,41 +116,45 @@ def similarities_of(
     return similarities
 
 
-def perturbed(pool: Executor, gallery: Gallery, name: str, amount: float, seed: int) -> dict[str, float]:
+def perturbed(
+    pool: Executor, files: Files, embeddings: Path, name: str, amount: float, seed: int
+) -> dict[str, float]:
     """Return NN by score, the mean CC with the clean self, and the number of unusable queries."""
-    count = len(gallery.files)
+    count = len(files)
     similarities: dict[str, Floats] = defaultdict(lambda: np.zeros((count, count)))
     scored = np.zeros((count, count), dtype=bool)
-    with stored(list(gallery.embeddings)) as embeddings:
-        query = partial(similarities_of, name, embeddings, amount, seed)
-        for i, row in as_they_end(pool, query, gallery.files):
-            if isinstance(row, str):
-                print(f"{gallery.files[i]}, {name} {amount:g}: {row}", flush=True)
-            else:
-                for score, values in row.items():
-                    similarities[score][i] = values
-                scored[i] = True
+    query = partial(similarities_of, name, embeddings, amount, seed)
+    for i, row in enumerate(pool.map(query, [path for path, _ in files])):
+        if isinstance(row, str):
+            print(f"{files[i][0]}, {name} {amount:g}: {row}", flush=True)
+        else:
+            for score, values in row.items():
+                similarities[score][i] = values
+            scored[i] = True
     itself = np.diagonal(similarities["cc"])[np.diagonal(scored)]
     mean = float(itself.mean()) if len(itself) else 0.0
-    shares = nearest_neighbour(similarities, scored, gallery.labels)
+    shares = nearest_neighbour(similarities, scored, labels_of(files))
     return shares | {"cc_itself": mean, "unusable": count - len(itself)}
 
 
-def with_tau(gallery: Gallery, tau: float, workers: int) -> dict[str, float]:
+def with_tau(files: Files, tau: float, workers: int) -> dict[str, float]:
     """Return NN by score with gallery and queries embedded under a sparse ratio."""
-    count = len(gallery.files)
+    count = len(files)
     similarities = {name: np.zeros((count, count)) for name in ("cc", "combined")}
     scored = np.zeros((count, count), dtype=bool)
     with worker_pool(tau_parameters(tau), workers) as pool:
-        files = list(zip(gallery.files, gallery.labels, strict=True))
-        usable = clean_gallery(pool, files, print, lambda _: None)
-        if usable.embeddings:
-            scores = score_pairs(pool, usable.embeddings, lambda _: None)
-            places = [gallery.files.index(path) for path in usable.files]
-            for name, matrix in similarities.items():
-                matrix[np.ix_(places, places)] = getattr(scores, name)
-            scored[np.ix_(places, places)] = True
-    return nearest_neighbour(similarities, scored, gallery.labels) | {"unusable": count - len(usable.files)}
+        kept, embeddings = gallery_of(pool, files)
+        scores = score_pairs(pool, embeddings, lambda _: None)
+    rows = np.ix_(*2 * [[files.index(file) for file in kept]])
+    for name, matrix in similarities.items():
+        matrix[rows] = getattr(scores, name)
+    scored[rows] = True
+    return nearest_neighbour(similarities, scored, labels_of(files)) | {"unusable": count - len(kept)}
+
+
+def gallery_of(pool: Executor, files: Files) -> tuple[Files, list[Embedding]]:
+    """Return the files that can be embedded and their embeddings."""
+    return usable(files, embed_files(pool, [path for path, _ in files], lambda _: None))
 
 
 def main(
@@ -168,18 +167,20 @@ def main(
         ("perturbation", "amount", "seed", "nn_cc", "nn_combined", "nn_part", "cc_itself", "unusable"), ""
     )
     with worker_pool(DEFAULT, workers) as pool:
-        gallery = clean_gallery(pool, files, print, lambda _: None)
-        scores = score_pairs(pool, gallery.embeddings, lambda _: None)
+        files, embeddings = gallery_of(pool, files)
+        scores = score_pairs(pool, embeddings, lambda _: None)
         everything = np.ones(scores.cc.shape, dtype=bool)
-        clean = nearest_neighbour({"cc": scores.cc, "combined": scores.combined}, everything, gallery.labels)
-        rows.append({**row, "perturbation": "none", "amount": 0.0, "seed": 0, **clean})
-        for name in (name for name in KINDS if name in only):
-            for amount in KINDS[name].amounts:
-                for seed in range(1 if amount in KINDS[name].certain else seeds):
-                    figures = perturbed(pool, gallery, name, amount, seed)
-                    rows.append({**row, "perturbation": name, "amount": amount, "seed": seed, **figures})
+        clean = {"cc": scores.cc, "combined": scores.combined}
+        figures = nearest_neighbour(clean, everything, labels_of(files))
+        rows.append({**row, "perturbation": "none", "amount": 0.0, "seed": 0, **figures})
+        with stored(embeddings) as path:
+            for name in (name for name in KINDS if name in only):
+                for amount in KINDS[name].amounts:
+                    for seed in range(1 if amount in KINDS[name].certain else seeds):
+                        figures = perturbed(pool, files, path, name, amount, seed)
+                        rows.append({**row, "perturbation": name, "amount": amount, "seed": seed, **figures})
     for tau in TAUS if TAU in only else ():
-        figures = with_tau(gallery, tau, workers)
+        figures = with_tau(files, tau, workers)
         rows.append({**row, "perturbation": TAU, "amount": tau, "seed": 0, **figures})
     write(folder / "robustness.csv", rows)
     save(curves(rows), folder / "robustness.png")

@@ -10,7 +10,7 @@ body and between shapes. A shape takes about ten seconds.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -172,51 +172,44 @@ def poisson_disk(distances: Floats, count: int, order: Ints) -> tuple[Ints, floa
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A mesh of n vertices in its normal frame and scale, and the cleaned mesh in its own."""
+    """A mesh of n vertices in its normal frame and scale, and the cleaned mesh before that.
+
+    `distances` are geodesic, along the graph, shape (n, n); the cotangent Laplacian has `stiffness`, shape
+    (n, n), and `areas`, shape (n,); `weights` are Lewis weights, shape (n,), "printed" and normalised ("").
+    """
 
     mesh: Mesh
     cleaned: Mesh
     frame: NormalFrame
+    distances: Floats
+    stiffness: csc_array
+    areas: Floats
+    weights: dict[str, Floats]
 
     @classmethod
     def of(cls, mesh: Mesh) -> "Surface":
         """Clean a mesh and put it in its normal frame."""
         normal, cleaned, frame, _ = prepared(mesh, PARAMETERS)
-        return cls(normal, cleaned.mesh, frame)
-
-    @cached_property
-    def distances(self) -> Floats:
-        """Geodesic distances between all vertices, along the graph, shape (n, n)."""
-        lengths = np.asarray(dijkstra(edge_graph(self.mesh)))
-        return np.asarray(np.minimum(lengths, lengths.T))
-
-    @cached_property
-    def laplacian(self) -> tuple[csc_array, Floats]:
-        """The cotangent Laplacian, shape (n, n), and the areas of the vertices, shape (n,)."""
-        return laplacian(self.mesh)
-
-    @cached_property
-    def weights(self) -> dict[bool, Floats]:
-        """Lewis weights with the terms as printed and normalised, shape (n,) each."""
-        sampling, vertices = PARAMETERS.sampling, self.mesh.vertices
-        random = keyed_uniform(vertices, sampling.seed + 1)
+        lengths, sampling = np.asarray(dijkstra(edge_graph(normal))), PARAMETERS.sampling
+        random = keyed_uniform(normal.vertices, sampling.seed + 1)
         weights = partial(
-            lewis_weights, vertices, degree=sampling.degree, epsilon=sampling.epsilon, random=random
+            lewis_weights, normal.vertices, degree=sampling.degree, epsilon=sampling.epsilon, random=random
         )
-        return {printed: weights(normalise=not printed).weights for printed in (True, False)}
+        by_terms = {terms: weights(normalise=not terms).weights for terms in ("", "printed")}
+        shortest = np.minimum(lengths, lengths.T)
+        return cls(normal, cleaned.mesh, frame, shortest, *laplacian(normal), by_terms)
 
     def select(self, selection: str, tau: float) -> Ints:
         """Return the samples of one of `SELECTIONS` at a sparse ratio, shape (tau n,); repeatable."""
         points, count = self.mesh.vertices, round(tau * len(self.mesh.vertices))
         uniform = keyed_uniform(points, PARAMETERS.sampling.seed)
-        way, _, printed = selection.partition(" ")
+        way, _, terms = selection.partition(" ")
+        weights = self.weights[terms]
         match way:
             case "poisson-disk":
                 return poisson_disk(self.distances, count, np.argsort(uniform))[0]
             case "farthest-point":
                 return self.farthest(count)
-        weights = self.weights[bool(printed)]
-        match way:
             case "cut":
                 return sort_and_cut(weights, count)
             case "draw":
@@ -255,20 +248,20 @@ class Surface:
 
 def measures(surface: Surface, noisy: dict[float, Surface], selection: str) -> dict[str, float]:
     """Return all measures of one selection on one surface."""
-    points, (stiffness, areas) = surface.mesh.vertices, surface.laplacian
+    points = surface.mesh.vertices
     steady = [surface.histogram(surface.select(selection, tau)) for tau in TAUS]
     chosen = surface.select(selection, COMPARED)
-    gap, mean_gap, evenness = coverage(surface.distances, areas, chosen)
+    gap, mean_gap, evenness = coverage(surface.distances, surface.areas, chosen)
     probability = None
     if selection.startswith("draw"):
-        weights = surface.weights["printed" in selection]
+        weights = surface.weights[selection.partition(" ")[2]]
         probability = np.minimum(1.0, draw_scale(weights, len(chosen)) * weights)
     degree = PARAMETERS.sampling.degree
     figures = {"change_between_taus": largest_variation(steady), "largest_gap": gap, "mean_gap": mean_gap}
     figures |= {
         "evenness": evenness,
         "fit_error": root_mean_square(fit_residuals(points, degree, chosen, probability)),
-        "rebuilt_error": rebuilt_error(stiffness, areas, points, chosen),
+        "rebuilt_error": rebuilt_error(surface.stiffness, surface.areas, points, chosen),
     }
     robust = surface.select(selection, ROBUST)
     for delta, disturbed in noisy.items():
@@ -287,22 +280,17 @@ def change_between(surfaces: Sequence[Surface], selection: str) -> float:
 
 def pictures(surface: Surface) -> tuple[Figure, Figure]:
     """Draw the samples of every selection, and the residuals of the fit by degree."""
-    mesh = surface.mesh
-    chosen = {selection: surface.select(selection, COMPARED) for selection in SELECTIONS}
-    panels = [
-        Panel(mesh, selection, mesh.vertices[samples], np.full(len(samples), 0.62))
-        for selection, samples in chosen.items()
-    ]
-    residuals = {degree: np.abs(fit_residuals(mesh.vertices, degree)) for degree in DEGREES}
+    mesh, points = surface.mesh, surface.mesh.vertices
+    panels = []
+    for selection in SELECTIONS:
+        samples = surface.select(selection, COMPARED)
+        panels.append(Panel(mesh, selection, points[samples], np.full(len(samples), 0.62)))
+    residuals = {degree: np.abs(fit_residuals(points, degree)) for degree in DEGREES}
     largest = float(np.quantile(residuals[DEGREES[0]], 0.98)) or 1.0
-    painted = [
-        Panel(
-            mesh,
-            f"degree {degree}",
-            painted=1.0 - np.minimum(residual / largest, 1.0)[:, None] * [0.1, 0.7, 0.8],
-        )
-        for degree, residual in residuals.items()
-    ]
+    painted = []
+    for degree, residual in residuals.items():
+        colours = 1.0 - np.minimum(residual / largest, 1.0)[:, None] * [0.1, 0.7, 0.8]
+        painted.append(Panel(mesh, f"degree {degree}", painted=colours))
     return grid([panels[:4], panels[4:]]), grid([painted])
 
 

@@ -7,9 +7,8 @@ workers store fewer shapes in a second than one.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -25,8 +24,8 @@ from core.parameters import DEFAULT
 from service.client import Client
 from service.compute.pool import LocalPool
 from service.compute.tasks import embed_file, warm
+from service.evaluation.benchmark_service import served
 from service.evaluation.retrieval import collection_files
-from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
 from tests.service import engines
 from tests.service.dask_cluster import Cluster, cluster
 from tests.service.support import wait_until
@@ -34,19 +33,6 @@ from tests.studies.common import run, write
 
 SENDERS = 4
 TURNS = 5
-
-
-@contextmanager
-def serving(url: str, scheduler: str) -> Iterator[Client]:
-    """Yield a client of a service that embeds on a cluster."""
-    with bind(LOOPBACK, 0) as bound:
-        port = bound.getsockname()[1]
-    settings = {"database_url": url, "scheduler": scheduler, "workers": SENDERS}
-    settings |= {"rate_limit": 0, "log_level": "error"}
-    given = {f"ISOSHAPE_{name.upper()}": str(value) for name, value in settings.items()}
-    with ChildService(port, given) as service, Client(service.url) as client:
-        wait_until_ready(client, service.ended)
-        yield client
 
 
 def files_to_send(count: int, first_pose: int, collection: Path | None) -> list[bytes]:
@@ -102,7 +88,9 @@ def ceiling(sent: Sequence[bytes], seconds: float) -> tuple[float, float]:
 def main(folder: Path, files: int, collection: Path | None, seconds: float) -> bool:
     """Write spread.csv; return whether two workers store more than one."""
     with TemporaryDirectory() as scratch, cluster(Path(scratch)) as made:
-        with serving(engines.empty_database(migrated=True), made.address) as client:
+        url = engines.empty_database(migrated=True)
+        settings = {"scheduler": made.address, "workers": SENDERS, "rate_limit": 0}
+        with served(url, **settings, duplicates_in_background=True) as (_, client):
             two, one, again = (
                 ingest(made, client, workers, files_to_send(files, 10 + 10 * turn, collection))
                 for turn, workers in enumerate((2, 1, 2))

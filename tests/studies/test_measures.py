@@ -11,6 +11,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.spectral.laplace_beltrami import laplacian
+from tests.core.shapes import rectangle
 from tests.studies.ablation import LAST, NAMED, changes, trials, values_of
 from tests.studies.robustness import TAU_CAP, TAU_VERTICES, nearest_neighbour, tau_parameters
 from tests.studies.sampling import (
@@ -34,11 +35,9 @@ def line(count):
 
 def square(side, height=lambda x, y: 0.0 * x):
     """A square [-1, 1]^2 of side^2 vertices, lifted."""
-    x, y = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1, 1, side)] * 2))
-    corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
-    lower = np.stack([corner, corner + 1, corner + side + 1], axis=1)
-    upper = np.stack([corner, corner + side + 1, corner + side], axis=1)
-    return Mesh(np.stack([x, y, height(x, y)], axis=1), np.concatenate([lower, upper]))
+    sheet = rectangle(2, 2, side - 1, side - 1)
+    x, y = sheet.vertices[:, :2].T - 1.0
+    return Mesh(np.stack([x, y, height(x, y)], axis=1), sheet.faces)
 
 
 def quintic(x, y):

@@ -22,16 +22,8 @@ from service.evaluation.benchmark_method import (
 from service.evaluation.benchmark_service import SIZES, ingesting_rows, originals, searching_rows
 from service.evaluation.benchmark_shapes import read_source
 
-
-class Subject(StrEnum):
-    """A part of the benchmark that can be measured alone."""
-
-    EMBEDDING = "embedding"
-    GROWTH = "growth"
-    MATCH = "match"
-    SEARCH = "search"
-    INGEST = "ingest"
-
+Subject = StrEnum("Subject", ["EMBEDDING", "GROWTH", "MATCH", "SEARCH", "INGEST"])
+"""A part of the benchmark that can be measured alone."""
 
 TITLES = {
     "embedding": "a binary PLY embedded",

@@ -2,20 +2,19 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from core.errors import ParameterError
-from core.evaluation.calibration import LabelledPairs
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
-from service.console import counted, fail, print_table, progress, say
-from service.evaluation.calibration import LEVELS, clean_gallery, constants, part_pairs, study, summary
-from service.evaluation.pairwise_scores import default_workers, worker_pool
-from service.evaluation.retrieval import Files, collection_files, score_collection, spread
+from service.console import fail, print_table
+from service.evaluation.calibration import constants, part_pairs, study, summary
+from service.evaluation.pairwise_scores import default_workers
+from service.evaluation.retrieval import collection_files, labels_of, score_collection, spread
 
 PARTS = 48
 """Each of them is made incomplete in several ways, and each result is a query."""
@@ -47,13 +46,13 @@ def calibrate_command(
     """
     chosen = [collection_files(folder, limit) for folder in folders]
     sampled = [spread(files, min(parts, len(files))) for files in chosen]
-    _check([[label for _, label in files] for files in chosen], "")
-    _check([[label for _, label in files] for files in sampled], " by --parts")
+    _check(map(labels_of, chosen), "")
+    _check(map(labels_of, sampled), " by --parts")
     count = workers or default_workers()
     scored = [score_collection(files, DEFAULT, count) for files in chosen]
-    _check([labels for labels, _ in scored], "")
+    _check((labels for labels, _ in scored), "")
     names = [folder.resolve().name for folder in folders]
-    perturbed = [level for files in sampled for level in _perturbed(files, count)]
+    perturbed = [level for files in sampled for level in part_pairs(files, count)]
     try:
         judged = study(names, scored, perturbed)
     except ParameterError as error:
@@ -68,14 +67,7 @@ def calibrate_command(
         fail(f"{unusable} files could not be used")
 
 
-def _perturbed(files: Files, workers: int) -> list[LabelledPairs]:
-    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
-        gallery = clean_gallery(pool, files, lambda _: None, counted(bar, "embedding", len(files)))
-        queries = len(gallery.files) * len(LEVELS)
-        return part_pairs(pool, gallery, say, counted(bar, "incomplete queries", queries))
-
-
-def _check(labels: Sequence[Sequence[str]], where: str) -> None:
+def _check(labels: Iterable[Sequence[str]], where: str) -> None:
     """End the command unless every model has pairs of one class and pairs of two classes."""
     sizes = Counter(label.casefold() for collection in labels for label in collection)
     if len(sizes) < 3 or sum(size > 1 for size in sizes.values()) < 2:

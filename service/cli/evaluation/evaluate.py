@@ -8,22 +8,12 @@ from typing import Annotated, Any, Literal, get_args
 
 import typer
 
-from core.evaluation.retrieval_measures import (
-    QUANTILES,
-    Evaluation,
-    evaluate,
-    score_quantiles,
-)
+from core.evaluation.retrieval_measures import QUANTILES, Evaluation, evaluate, score_quantiles
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import Collection, Limit, Setting, Workers
 from service.console import fail, print_table
 from service.evaluation.pairwise_scores import default_workers
-from service.evaluation.retrieval import (
-    collection_files,
-    evaluate_ranking,
-    score_baseline,
-    score_collection,
-)
+from service.evaluation.retrieval import collection_files, evaluate_ranking, score_baseline, score_collection
 from service.search.schemas import RankBy
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
@@ -31,14 +21,8 @@ MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 HUBNESS = ("occurrence_skewness", "most_often_wrong")
 
 
-class Ranked(StrEnum):
-    """A score that ranks the answers, or all of them."""
-
-    CC = "cc"
-    SSD = "ssd"
-    SIM = "sim"
-    COMBINED = "combined"
-    ALL = "all"
+Ranked = StrEnum("Ranked", ["CC", "SSD", "SIM", "COMBINED", "ALL"])
+"""A score that ranks the answers, or all of them."""
 
 
 def evaluate_command(
@@ -50,8 +34,7 @@ def evaluate_command(
         typer.Option(help="Isoshape or a baseline; a baseline has one distance and no settings."),
     ] = "isoshape",
     rank_by: Annotated[
-        list[Ranked] | None,
-        typer.Option(help="Score that ranks the answers; repeatable. [default: cc]"),
+        list[Ranked] | None, typer.Option(help="Score that ranks the answers; repeatable. [default: cc]")
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object, or a list of them for several rankings.")

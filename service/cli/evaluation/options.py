@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 Collection = Annotated[
-    Path,
-    typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class."),
+    Path, typer.Argument(metavar="DIR", help="Folder of meshes with labels.csv, or with a folder a class.")
 ]
 """A labelled collection."""
 

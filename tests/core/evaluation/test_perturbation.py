@@ -13,6 +13,7 @@ from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
 from core.mesh.simplification import MOST_WORK, SHORT, cluster_vertices, decimate
 from tests.core.shapes import (
+    area,
     as_trimesh,
     blob,
     box,
@@ -49,10 +50,6 @@ MESHES = {
 
 every_perturbation = pytest.mark.parametrize("perturb", AMOUNTS, ids=lambda function: function.__name__)
 every_mesh = pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
-
-
-def area(mesh):
-    return face_areas(mesh.vertices, mesh.faces).sum()
 
 
 def diagonal(mesh):

@@ -1,12 +1,9 @@
 """Each baseline against motions, distances and spectra that are known, and what does not change a shape."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
-from trimesh.creation import icosphere
 
 from core.errors import DegenerateMeshError
 from core.gallery import make_shape
@@ -22,11 +19,10 @@ from service.evaluation.baselines import (
     canonical_form,
     closest_motion,
     distance_distribution,
-    histogram_distances,
     random_points,
-    spectral_distances,
     spectrum,
 )
+from tests.core.shapes import box, icosphere, joined, rectangle, scaled, shifted, soup, turned
 
 # All of them
 
@@ -34,17 +30,18 @@ from service.evaluation.baselines import (
 @pytest.mark.parametrize("name", ["icp", "shapedna", "d2"])
 def test_place_and_size_do_not_matter_and_classes_are_told_apart(name: str) -> None:
     cup, another, pliers = (make_shape(*which) for which in (("cup", 0), ("cup", 1), ("pliers", 0)))
-    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    turned = Mesh(7.0 * cup.vertices @ (np.linalg.det(turn) * turn).T + np.array([5.0, -3.0, 1.0]), cup.faces)
-    first, *others = map(BASELINES[name].describe, (cup, turned, another, pliers))
+    moved = shifted(scaled(turned(cup, 0), 7.0), (5.0, -3.0, 1.0))
+    first, *others = map(BASELINES[name].describe, (cup, moved, another, pliers))
     same, of_class, other = BASELINES[name].compare(first, others)
     assert same < 1e-6 < of_class < other
 
 
-@pytest.mark.parametrize(("compare", "order"), [(spectral_distances, 2), (histogram_distances, 1)])
-def test_distances_are_those_of_vectors(compare: Callable[..., np.ndarray], order: int) -> None:
+@pytest.mark.parametrize(("name", "order"), [("shapedna", 2), ("d2", 1)])
+def test_distances_are_those_of_vectors(name: str, order: int) -> None:
     first, second = np.random.default_rng(0).random((2, 20))
-    assert compare(first, [first, second]) == pytest.approx([0.0, np.linalg.norm(first - second, order)])
+    assert BASELINES[name].compare(first, [first, second]) == pytest.approx(
+        [0.0, np.linalg.norm(first - second, order)]
+    )
 
 
 # ICP
@@ -81,13 +78,8 @@ def test_the_distance_counts_both_ways() -> None:
 
 
 def test_points_lie_on_the_surface_evenly_by_area() -> None:
-    # A box of 4 x 2 x 1: its faces have 8, 8, 4, 4, 2, 2 of 28 parts of the area.
-    corners = np.array([[x, y, z] for x in (0, 4) for y in (0, 2) for z in (0, 1)], dtype=float)
-    faces = np.array(
-        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    )  # fmt: skip
-    points = random_points(Mesh(corners, faces))
+    # The faces of the box have 8, 8, 4, 4, 2, 2 of 28 parts of the area.
+    points = random_points(box(4, 2, 1))
     assert points.shape == (ICP_POINTS, 3)
     scale = np.abs(points).max(axis=0) / [2.0, 1.0, 0.5]
     assert scale == pytest.approx(np.full(3, scale[0]), rel=1e-9)
@@ -114,22 +106,14 @@ def test_distances_of_space_are_kept_exactly() -> None:
 
 def sheet(bent: bool) -> Mesh:
     """A strip of 3 by 1 with one corner cut off, flat or rolled into most of a ring."""
-    rows, columns = 61, 21
-    along, across = np.meshgrid(np.linspace(0, 3, rows), np.linspace(0, 1, columns), indexing="ij")
+    flat = rectangle(3, 1, 60, 20)
+    along, across, z = flat.vertices.T
     radius = 0.6
+    x = along
     if bent:
         x, z = radius * np.sin(along / radius), radius * (1.0 - np.cos(along / radius))
-    else:
-        x, z = along, np.zeros_like(along)
-    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
-    faces = np.vstack(
-        [
-            np.column_stack([corner, corner + columns, corner + columns + 1]),
-            np.column_stack([corner, corner + columns + 1, corner + 1]),
-        ]
-    )
-    kept = (along + 2.0 * across).ravel()[faces].max(axis=1) < 4.0
-    return Mesh(np.column_stack([x.ravel(), across.ravel(), z.ravel()]), faces[kept])
+    kept = (along + 2.0 * across)[flat.faces].max(axis=1) < 4.0
+    return Mesh(np.column_stack([x, across, z]), flat.faces[kept])
 
 
 def test_bending_leaves_the_canonical_form() -> None:
@@ -150,27 +134,19 @@ def test_a_form_is_its_own_mirror_image() -> None:
 # ShapeDNA
 
 
-def sphere(radius: float) -> Mesh:
-    made = icosphere(subdivisions=4)
-    return Mesh(radius * made.vertices, made.faces)
-
-
 def test_a_sphere_has_its_known_spectrum() -> None:
     # On the unit sphere the eigenvalue l (l + 1) comes 2 l + 1 times; the area is 4 pi.
     known = np.repeat([2.0, 6.0, 12.0], [3, 5, 7]) * 4.0 * np.pi / np.arange(1, EIGENVALUES + 1)
-    assert spectrum(sphere(1.0)) == pytest.approx(known, rel=0.01)
+    assert spectrum(icosphere(4)) == pytest.approx(known, rel=0.01)
 
 
 def test_size_does_not_matter_to_a_spectrum() -> None:
-    assert spectrum(sphere(1000.0)) == pytest.approx(spectrum(sphere(0.001)), rel=1e-9)
+    assert spectrum(icosphere(4, 1000.0)) == pytest.approx(spectrum(icosphere(4, 0.001)), rel=1e-9)
 
 
 def test_loose_and_broken_parts_have_a_spectrum() -> None:
     cup = make_shape("cup", 0)
-    broken = Mesh(
-        np.vstack([cup.vertices, cup.vertices + np.array([9.0, 0.0, 0.0])]),
-        np.vstack([cup.faces[::2], cup.faces + len(cup.vertices)]),
-    )
+    broken = joined(Mesh(cup.vertices, cup.faces[::2]), shifted(cup, (9.0, 0.0, 0.0)))
     assert np.isfinite(spectrum(broken)).all()
 
 
@@ -179,17 +155,13 @@ def test_loose_and_broken_parts_have_a_spectrum() -> None:
 
 def test_a_sphere_has_its_known_distribution() -> None:
     # On the unit sphere the density of the distance d is d / 2 up to 2, and its mean is 4 / 3.
-    ball = icosphere(subdivisions=4)
     edges = np.minimum(np.linspace(0.0, RANGE, BINS + 1) * 4.0 / 3.0, 2.0)
-    assert distance_distribution(Mesh(ball.vertices, ball.faces)) == pytest.approx(
-        np.diff(edges**2 / 4.0), abs=0.002
-    )
+    assert distance_distribution(icosphere(4)) == pytest.approx(np.diff(edges**2 / 4.0), abs=0.002)
 
 
 def test_a_soup_is_described_as_its_surface() -> None:
     cup = make_shape("cup", 0)
-    soup = Mesh(cup.vertices[cup.faces].reshape(-1, 3), np.arange(3 * len(cup.faces)).reshape(-1, 3))
-    assert distance_distribution(soup) == pytest.approx(distance_distribution(cup), abs=1e-3)
+    assert distance_distribution(soup(cup, 1.0)) == pytest.approx(distance_distribution(cup), abs=1e-3)
 
 
 def test_no_area_is_an_error() -> None:

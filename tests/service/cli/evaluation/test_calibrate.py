@@ -19,7 +19,6 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import PART_FEATURES, Calibration, features, isometry_bonus, part_features
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW, densities_in, density_sample
-from service.cli.evaluation import calibrate
 from service.datasets import read_collection
 from service.evaluation import calibration
 from service.evaluation.calibration import seed_of
@@ -32,8 +31,7 @@ LEVELS = calibration.LEVELS[2::4]
 @pytest.fixture(autouse=True)
 def one_amount(monkeypatch: pytest.MonkeyPatch) -> None:
     """One amount of each kind that leaves a part."""
-    for module in (calibration, calibrate):
-        monkeypatch.setattr(module, "LEVELS", LEVELS)
+    monkeypatch.setattr(calibration, "LEVELS", LEVELS)
 
 
 def densities(distances: Floats, typical: float) -> Floats:
