@@ -35,12 +35,11 @@ from core.descriptors.spin_images import (
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part, subdivide
 from core.gallery import make_shape
-from core.gallery.solids import rotation
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from tests.core.shapes import box, prism
+from tests.core.shapes import box, prism, scaled, shifted, turned
 from tests.studies.perturbation import make_soup
 
 PIPELINE = Pipeline(DEFAULT)
@@ -165,14 +164,11 @@ def part(mesh: Mesh) -> Bytes:
     return describe_part(clean(mesh).mesh)
 
 
-def moved(mesh: Mesh, scale: float) -> Mesh:
-    return Mesh(scale * mesh.vertices @ rotation("x", 70.0).T + [1.0, -2.0, 3.0], mesh.faces)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_a_part_is_found_wherever_it_lies_and_in_any_unit(share: float) -> None:
     for place, mesh in enumerate(wholes().values()):
-        piece = subdivide(moved(cut_part(mesh, share, place), 0.01), 0.3, 1)
+        cut = turned(cut_part(mesh, share, place), 1)
+        piece = subdivide(shifted(scaled(cut, 0.01), [1.0, -2.0, 3.0]), 0.3, 1)
         assert part_distances(part(piece), known()).argmin() == place
 
 

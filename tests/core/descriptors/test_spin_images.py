@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from core.arrays import Bytes, Floats
+from core.arrays import Bytes
 from core.descriptors.spin_images import (
     BATCH,
     BYTE_SCALE,
@@ -20,10 +20,10 @@ from core.descriptors.spin_images import (
     spin_images,
 )
 from core.gallery import make_shape
-from core.gallery.solids import rotation
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import evenly_spread
+from tests.core.shapes import scaled, shifted, turned
 
 
 @cache
@@ -96,18 +96,12 @@ def test_a_distance_hangs_on_no_other_and_on_no_order() -> None:
         assert_array_equal(row[::-1], spin_image_distances(other, [own])[0])
 
 
-def moved(vertices: Floats) -> Floats:
-    return np.asarray(250.0 * vertices @ rotation("x", 70.0).T + [1.0, -2.0, 3.0])
-
-
 def test_motion_unit_and_the_side_that_faces_turn_to_change_next_to_nothing() -> None:
     own = spin_images(person()).bytes
     flipped = person().faces.copy()
     flipped[::3] = flipped[::3, ::-1]
-    assert (
-        spin_image_distances(own, [spin_images(Mesh(moved(person().vertices), person().faces)).bytes]).max()
-        < 0.01
-    )
+    moved = shifted(scaled(turned(person(), 1), 250.0), [1.0, -2.0, 3.0])
+    assert spin_image_distances(own, [spin_images(moved).bytes]).max() < 0.01
     # Points lie elsewhere on faces whose corners come in another order.
     assert spin_image_distances(own, [spin_images(Mesh(person().vertices, flipped)).bytes]).max() < 0.2
     assert spin_image_distances(own, others()).min() > 0.5
