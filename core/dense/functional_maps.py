@@ -140,7 +140,7 @@ def functional_map(
         _upsampled(
             few_of_first,
             few_of_second,
-            _start(first, second, start, size),
+            _orthogonal(first.functions[start[:, 0], :size].T @ second.functions[start[:, 1], :size]),
             _sizes(size, min(EARLY, largest), STEP),
         )
         for start in known
@@ -187,10 +187,6 @@ def _some(side: Basis, most: int) -> Basis:
     orientation = None if side.orientation is None else side.orientation[chosen]
     areas = side.areas[chosen] / side.areas[chosen].sum()
     return Basis(side.functions[chosen], side.eigenvalues, areas, orientation)
-
-
-def _start(first: Basis, second: Basis, pairs: Ints, size: int) -> Floats:
-    return _orthogonal(first.functions[pairs[:, 0], :size].T @ second.functions[pairs[:, 1], :size])
 
 
 def _orthogonal(cross: Floats) -> Floats:
