@@ -9,36 +9,23 @@ from core.mesh.mesh import Mesh, face_normals
 CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
 
 
-def test_keeps_what_it_is_given():
-    mesh = Mesh(np.array(CORNERS, dtype=np.float32), np.array([[0, 1, 2]], dtype=np.uint8))
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.faces.dtype == np.int64
-    assert mesh.vertices.tolist() == CORNERS
-    assert mesh.faces.tolist() == [[0, 1, 2]]
-
-
-def test_takes_whole_numbers_as_indices_whatever_their_type():
-    assert Mesh(CORNERS, np.array([[0.0, 1.0, 2.0]], dtype=np.float32)).faces.tolist() == [[0, 1, 2]]
-
-
 @pytest.mark.parametrize("order", ["C", "F"])
-def test_arrays_are_contiguous(order):
-    mesh = Mesh(np.array(CORNERS, order=order), np.array([[0, 1, 2], [2, 1, 0]], order=order))
-    assert mesh.vertices.flags.c_contiguous
-    assert mesh.faces.flags.c_contiguous
+@pytest.mark.parametrize(
+    ("floats", "whole"), [(np.float64, np.int64), (np.float32, np.uint8), (np.float32, np.float32)]
+)
+def test_arrays_of_any_type_and_order_are_kept_and_a_later_change_is_not_seen(floats, whole, order):
+    rows = [[0, 1, 2], [2, 1, 0]]
+    vertices, faces = np.array(CORNERS, floats, order=order), np.array(rows, whole, order=order)
+    mesh = Mesh(vertices, faces)
+    vertices[0], faces[0] = np.nan, 99
+    for array, kind, expected in ((mesh.vertices, np.float64, CORNERS), (mesh.faces, np.int64, rows)):
+        assert array.dtype == kind
+        assert array.flags.c_contiguous
+        assert array.tolist() == expected
 
 
 def test_vertices_may_be_unused_or_repeated_in_a_face():
     assert Mesh([*CORNERS, [9.0, 9.0, 9.0]], [[0, 1, 1]]).vertices.shape == (4, 3)
-
-
-def test_a_later_change_of_the_arrays_given_is_not_seen():
-    vertices, faces = np.array(CORNERS), np.array([[0, 1, 2]])
-    mesh = Mesh(vertices, faces)
-    vertices[0] = np.nan
-    faces[0] = 99
-    assert mesh.vertices.tolist() == CORNERS
-    assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
 @pytest.mark.parametrize("name", ["vertices", "faces"])
