@@ -6,8 +6,8 @@ import httpx
 
 from service.storage.checking import check
 from service.storage.sqlite import path_of
+from tests.service.engines import is_sqlite, url_of
 from tests.service.support import Running, small_file, upload, wait_until
-from tests.service.trouble import is_sqlite, url_of
 
 Calls = dict[str, Callable[[], httpx.Response]]
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import psycopg
 import pytest
-from sqlalchemy import Connection, NullPool, create_engine
+from sqlalchemy import Connection, NullPool, create_engine, make_url
 
 from service.storage.database import Database, migrate
 
@@ -57,6 +57,14 @@ def url_in(folder: Path) -> str:
     if folder not in _databases:
         _databases[folder] = empty_database(migrated=True)
     return _databases[folder]
+
+
+def is_sqlite(url: str) -> bool:
+    return make_url(url).get_backend_name() == "sqlite"
+
+
+def url_of(database: Database) -> str:
+    return database._engine.url.render_as_string(hide_password=False)
 
 
 @contextmanager

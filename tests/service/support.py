@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.app import create_app
+from service.collections.endpoints import HEADER
 from service.container import Container
 from service.server.uvicorn_server import config
 from service.settings import Settings
@@ -114,6 +115,15 @@ def module_service(
             yield running
 
     return running
+
+
+@contextmanager
+def working_in(running: Running, name: str) -> Iterator[Running]:
+    """The same service, by a client that names a collection in each request; it is made."""
+    assert running.client.put(f"/collections/{name}").status_code in {200, 201}
+    headers = {**running.client.headers, HEADER: name}
+    with httpx.Client(base_url=running.client.base_url, headers=headers, timeout=120) as client:
+        yield replace(running, client=client)
 
 
 def wait_until(condition: Callable[[], object], *, seconds: float) -> None:

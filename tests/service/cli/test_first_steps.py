@@ -1,9 +1,11 @@
-"""Commands of a new user: archives that do not exist, mistakes in names, and stopped commands."""
+"""Commands of a new user: archives that do not exist or are newer, mistakes in names, stopped commands."""
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from core.errors import UnknownFormatError
 from core.io import format_of, readable
 from service.cli import service_address
 from service.client import Client
+from service.storage.database import Database, migrate
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.support import small_file, wait_until
 
@@ -87,3 +90,23 @@ def test_ctrl_c_ends_ingest_with_a_summary_and_it_goes_on(archive: Client, tmp_p
     assert "Traceback" not in said
     assert run("ingest", folder, "--url", archive.url).status == 0
     assert archive.page().total == total
+
+
+@pytest.mark.parametrize("command", [["serve", "--port", "0"], ["reembed"], ["check"], ["query", "x.off"]])
+def test_a_newer_archive_is_refused_with_a_clear_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Run, command: list[str]
+) -> None:
+    path = tmp_path / "archive.sqlite3"
+    Path("x.off").write_text("OFF", encoding="utf-8")
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", f"sqlite:///{path}")
+    database = Database(f"sqlite:///{path}", lock_seconds=1)
+    migrate(database)
+    database.close()
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    before = path.read_bytes()
+    done = run(*command)
+    assert done.status == 1
+    assert "9999" in done.stderr.splitlines()[-1]
+    assert "newer" in done.stderr.splitlines()[-1]
+    assert path.read_bytes() == before

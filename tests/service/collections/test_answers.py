@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from tests.service.collections.support import working_in
 from tests.service.engines import POSTGRESQL, SQLITE, using
-from tests.service.support import Running, query, serving, settings_in, small_file
+from tests.service.support import Running, query, serving, settings_in, small_file, working_in
 
 FEW, MANY = range(5), range(3, 9)
 """The meshes of either collection, two of which lie in both; the first has less than half of the shapes."""

@@ -18,10 +18,17 @@ from service.storage.tables import (
     JobRow,
     ShapeRow,
 )
-from tests.service.collections.support import working_in
 from tests.service.engines import on_both
 from tests.service.jobs.support import ended, pack
-from tests.service.support import Running, assert_problem, module_service, query, small_file, upload
+from tests.service.support import (
+    Running,
+    assert_problem,
+    module_service,
+    query,
+    small_file,
+    upload,
+    working_in,
+)
 
 pytestmark = on_both
 

@@ -10,10 +10,17 @@ import pytest
 
 from service.app import openapi_document
 from service.collections.endpoints import HEADER, PARAMETER
-from tests.service.collections.support import working_in
 from tests.service.engines import on_both
 from tests.service.jobs.support import ended, pack
-from tests.service.support import Running, assert_problem, serving, settings_in, small_file, upload
+from tests.service.support import (
+    Running,
+    assert_problem,
+    serving,
+    settings_in,
+    small_file,
+    upload,
+    working_in,
+)
 
 pytestmark = on_both
 

@@ -1,5 +1,6 @@
 """Kept pairs: complete, whoever judges and in whatever order, and gone with their shapes."""
 
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,9 @@ from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
-from tests.service.engines import url_in
+from tests.service.engines import on_postgresql, url_in
 from tests.service.support import Running, serving, settings_in, small_file, wait_until
+from tests.service.tasks import meet
 from tests.studies.copies import moved
 from tests.studies.duplicates import groups_by_force, parts
 
@@ -241,3 +243,41 @@ def test_an_archive_that_cannot_be_written_to_has_its_pairs_read(
     monkeypatch.setattr(repository, "write", full)
     answer = running.client.get("/duplicates").json()
     assert (len(answer["groups"]), answer["unjudged"]) == (1, 1)
+
+
+@pytest.fixture
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service, "LOOK_SECONDS", 0.1)
+    monkeypatch.setattr(service, "BUSY_SECONDS", 0.05)
+
+
+@pytest.mark.usefixtures("short_pauses")
+def test_requests_and_tasks_come_before_the_background(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path, workers=2, duplicates_in_background=True)) as running:
+        container = running.container
+        try:
+            with container.queue.admitted():
+                for seed in range(2):
+                    running.store(copy_of_plane(seed), f"{seed}.off")
+                wait_until(container.comparing_is_ready.is_set, seconds=60)
+                time.sleep(1.0)
+                assert running.rows(JudgedShapeRow) == 0
+                task = container.pool.submit(meet, str(tmp_path / "task"), str(tmp_path / "end"))
+                wait_until((tmp_path / "task").exists, seconds=60)
+            time.sleep(1.0)
+            assert running.rows(JudgedShapeRow) == 0
+        finally:
+            (tmp_path / "end").touch()
+        task.result(60)
+        wait_until(lambda: running.rows(JudgedShapeRow) == 2, seconds=60)
+
+
+@on_postgresql
+@pytest.mark.usefixtures("short_pauses")
+def test_signatures_in_the_database_are_not_read_for_the_background(tmp_path: Path, engine: str) -> None:
+    settings = settings_in(tmp_path, signatures="database", duplicates_in_background=True)
+    with serving(settings) as running:
+        running.store(copy_of_plane(0))
+        wait_until(running.container.comparing_is_ready.is_set, seconds=60)
+        time.sleep(1.0)
+        assert running.rows(JudgedShapeRow) == 0

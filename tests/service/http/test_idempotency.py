@@ -19,10 +19,9 @@ from service.http.idempotency import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, p
 from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
-from tests.service.engines import on_both
+from tests.service.engines import on_both, url_of
 from tests.service.http.test_disconnects import send as send_and_leave
 from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
-from tests.service.trouble import url_of
 
 LONG = '"' + 256 * "x" + '"'
 KEY = '"8e03978e-40d5-43e8-bc93-6894a57f9324"'

@@ -19,10 +19,9 @@ from service.shapes import repository as shapes_repository
 from service.shapes.records import NewShape
 from service.storage.database import Database, migrate
 from service.storage.tables import EmbeddingRow, PipelineRow
-from tests.service.engines import on_both, url_in
+from tests.service.engines import on_both, url_in, url_of
 from tests.service.pipeline_files import active, fingerprints, write_parameters
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, upload
-from tests.service.trouble import url_of
 
 
 @contextmanager

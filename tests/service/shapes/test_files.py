@@ -5,7 +5,7 @@ import pytest
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import PLAIN, glb
+from tests.core.io.files import glb
 from tests.core.io.step_files import step_box
 from tests.core.io.threemf_files import mesh, model, package, thing
 from tests.service.support import Running, assert_problem, query, small_file, upload
@@ -40,14 +40,6 @@ def test_a_file_that_cannot_be_used_is_refused_by_its_cause(shared: Running, fil
     assert_problem(upload(shared.client, data, filename), status, kind)
     assert_problem(query(shared.client, data, filename), status, kind)
     assert shared.client.get("/shapes").json()["total"] == stored
-
-
-@pytest.mark.parametrize("format", sorted(PLAIN))
-def test_no_beginning_of_a_file_is_a_fault_of_the_service(shared: Running, format: str) -> None:
-    data = small_file(1, format)
-    for length in np.linspace(0, len(data) - 1, 9).astype(int):
-        answer = upload(shared.client, data[:length], f"cut-{length}.{format}")
-        assert answer.status_code in {201, 422}, answer.text
 
 
 @pytest.mark.parametrize(

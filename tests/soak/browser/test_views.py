@@ -12,9 +12,8 @@ from playwright.sync_api import Browser, expect
 from core.gallery import make_shape
 from core.io import write_mesh
 from service.auth.keys import digest_of
-from tests.service.collections.support import working_in
 from tests.service.jobs.support import pack
-from tests.service.support import Running, serving, settings_in, small_file
+from tests.service.support import Running, serving, settings_in, small_file, working_in
 from tests.soak.browser.support import (
     PHONE,
     Visit,
