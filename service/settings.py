@@ -36,7 +36,7 @@ class SettingsError(ExpectedError):
     status = 2
 
 
-def _processors() -> int:
+def available_processors() -> int:
     """Return the number of processors that this process may use; if the system does not say, of all."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -64,7 +64,7 @@ class Settings(BaseSettings):
     log_level: Literal["debug", "info", "warning", "error"] = "info"
 
     # Workers, and the time and memory of a request.
-    workers: PositiveInt = Field(default_factory=_processors)
+    workers: PositiveInt = Field(default_factory=available_processors)
     scheduler: str = ""
     queue_length: int = Field(default=32, ge=0)
     receive_seconds: Seconds = 20.0

@@ -109,7 +109,7 @@ def _load(path: Path) -> tuple[list[Embedding], list[ShapeDescriptors], DensityS
     return embeddings, descriptors, sample, densities_in(sample, descriptors)
 
 
-def part_pairs(files: Files, workers: int) -> list[LabelledPairs]:
+def part_pairs(files: Files, workers: int | None) -> list[LabelledPairs]:
     """Return for each of `LEVELS` the features of shapes that look incomplete after it and of clean ones."""
     levels = []
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:

@@ -1,6 +1,5 @@
 """Scores of all pairs of a collection, computed in a pool of processes."""
 
-import os
 import pickle
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,6 +29,7 @@ from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
 from service.index.cache import sampled
+from service.settings import available_processors
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
@@ -59,10 +59,12 @@ _pipeline: Pipeline
 
 
 @contextmanager
-def worker_pool(parameters: Parameters, workers: int) -> Iterator[Executor]:
-    """Yield a pool of processes with one thread and one pipeline each."""
+def worker_pool(parameters: Parameters, workers: int | None) -> Iterator[Executor]:
+    """Yield a pool of processes, one for each processor by default, with one thread and one pipeline each."""
     context = get_context("spawn")
-    pool = ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(parameters,))
+    pool = ProcessPoolExecutor(
+        workers or available_processors(), context, initializer=_start_worker, initargs=(parameters,)
+    )
     try:
         yield pool
     finally:
@@ -105,11 +107,6 @@ def pair_densities(distances: Floats, typical: float) -> Floats:
     others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)[:, sample]
     nearest = neighbour_distances(others, typical)
     return np.asarray(np.sqrt(np.outer(nearest, nearest)))
-
-
-def default_workers() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

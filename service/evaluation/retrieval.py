@@ -54,7 +54,9 @@ def spread(files: Files, count: int) -> Files:
     return [file for file in files if file in kept]
 
 
-def score_collection(files: Files, parameters: Parameters, workers: int) -> tuple[list[str], PairScores]:
+def score_collection(
+    files: Files, parameters: Parameters, workers: int | None
+) -> tuple[list[str], PairScores]:
     """Return labels and scores of the readable files; the others are reported on standard error."""
     paths = [path for path, _ in files]
     with worker_pool(parameters, workers) as pool, progress() as bar:
@@ -63,7 +65,7 @@ def score_collection(files: Files, parameters: Parameters, workers: int) -> tupl
         return labels_of(files), score_pairs(pool, embeddings, counted(bar, "matching pairs", pairs))
 
 
-def score_baseline(files: Files, method: str, workers: int) -> tuple[list[str], Floats]:
+def score_baseline(files: Files, method: str, workers: int | None) -> tuple[list[str], Floats]:
     """Return labels of the files that a baseline can use, and its distances between them, shape (n, n)."""
     require(method)
     paths = [path for path, _ in files]

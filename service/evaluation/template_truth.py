@@ -68,7 +68,7 @@ def read_truth(folder: Path) -> list[MeshFile]:
 
 
 def study_truth(
-    files: Sequence[MeshFile], count: int, seed: int, workers: int, methods: Sequence[str]
+    files: Sequence[MeshFile], count: int, seed: int, workers: int | None, methods: Sequence[str]
 ) -> dict[str, dict[str, list[TruthErrors]]]:
     """Return the errors of pairs by method and kind of pair; see `KINDS`.
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from core.parameters import DEFAULT, PAPER, Parameters
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, evaluate_ranking, score_collection
 from service.search.schemas import RankBy
 from tests.studies.common import run, write
@@ -115,7 +114,9 @@ def values_of(parameters: Parameters) -> dict[str, tuple[str, object]]:
     return {name: (group, value) for group, values in groups for name, value in values.items()}
 
 
-def main(folder: Path, collections: list[Path], without: bool, limit: int | None, workers: int) -> None:
+def main(
+    folder: Path, collections: list[Path], without: bool, limit: int | None, workers: int | None
+) -> None:
     """Measure each set of parameters once on each collection."""
     rows: list[dict[str, Any]] = []
     for collection in collections:
@@ -134,4 +135,4 @@ def main(folder: Path, collections: list[Path], without: bool, limit: int | None
 
 
 if __name__ == "__main__":
-    run(main, __doc__, collections="folders", without=False, limit=int, workers=default_workers())
+    run(main, __doc__, collections="folders", without=False, limit=int, workers=int)

@@ -139,10 +139,8 @@ def main(folder: Path, count: int, seed: int, only: str) -> None:
         (folder / "faults.csv").open("w") as out,
     ):
         tree = Path(name)
-        for part in ("core", "service", "tests", "docs", "docker", "openapi", ".ci"):
-            shutil.copytree(ROOT / part, tree / part)
-        for part in ("pyproject.toml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "Makefile"):
-            shutil.copy2(ROOT / part, tree / part)
+        left_out = shutil.ignore_patterns(".git", ".venv", "build", "dist", "node_modules", ".*_cache")
+        shutil.copytree(ROOT, tree, ignore=left_out, dirs_exist_ok=True)
         rows = csv.DictWriter(out, [*Fault.__dataclass_fields__, "caught", "seconds"])
         rows.writeheader()
         for fault in faults:

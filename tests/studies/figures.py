@@ -31,7 +31,6 @@ from core.mesh.normal_frame import normal_frame
 from core.mesh.simplification import decimate
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, evaluate_ranking, score_collection
 from tests.core.matching.reference import fit_rotation_reference
 from tests.studies.common import SURFACE, Panel, grid, run, save
@@ -187,7 +186,7 @@ def write_gallery(folder: Path) -> None:
         path.write_bytes(write_mesh(make_shape(label, pose), "ply"))
 
 
-def main(folder: Path, collection: Path | None, shown: str, limit: int | None, workers: int) -> None:
+def main(folder: Path, collection: Path | None, shown: str, limit: int | None, workers: int | None) -> None:
     """Draw the six figures."""
     with TemporaryDirectory() as scratch:
         if collection is None:
@@ -217,4 +216,4 @@ def main(folder: Path, collection: Path | None, shown: str, limit: int | None, w
 
 
 if __name__ == "__main__":
-    run(main, __doc__, collection=Path, shown="person", limit=int, workers=default_workers())
+    run(main, __doc__, collection=Path, shown="person", limit=int, workers=int)

@@ -20,7 +20,7 @@ from tests.studies.common import run
 from tests.studies.copies import moved
 from tests.studies.machine_parts import LARGER, LONGER, Change, Drawing, Family, part
 from tests.studies.planted import PlantedPair, compared, write_table
-from tests.studies.step_parts import Prism
+from tests.studies.step_parts import step_prism
 
 TOLERANCES = (0.02, 0.05, 0.1)
 """Chord tolerances in millimetres."""
@@ -88,20 +88,20 @@ def _step(kind: str, number: int) -> PlantedPair:
     corners = [(0.0, 0.0), (wide, 0.0), (wide, 0.5 * deep), (0.4 * wide, deep), (0.0, deep)]
     hole = draw(3, 6, 3)
     holes = [(15.0, 15.0, hole), (wide - 20.0, 12.0, 1.2 * hole), (0.25 * wide, deep - 14.0, 1.4 * hole)]
-    first = Prism(corners, holes, high)
+    first = step_prism(corners, holes, high, np.eye(3))
     holes = [*holes, *[(0.5 * wide, 14.0, hole)] * (kind == "hole")]
     holes[0] = (15.0 + 2.0 * (kind == "moved"), 15.0, hole * (LARGER if kind == "larger" else 1.0))
-    changed = Prism(corners, holes, high + LONGER * (kind == "longer"))
     scale = SCALES.get(kind, 1.0)
     turn = np.linalg.qr(np.random.default_rng(number).normal(size=(3, 3)))[0]
     turn[0] *= np.sign(np.linalg.det(turn))
     if kind == "mirrored":
-        changed = Prism([(-x, y) for x, y in corners[::-1]], [(-x, y, r) for x, y, r in holes], high)
+        corners, holes = [(-x, y) for x, y in corners[::-1]], [(-x, y, r) for x, y, r in holes]
+    second = step_prism(corners, holes, high + LONGER * (kind == "longer"), turn, scale)
     # A prism is its own mirror image.
     right = _likeness(kind, chiral=False)
-    files = first.step(np.eye(3)), changed.step(turn, scale)
     known_scale = None if right == "variant" else scale
-    return PlantedPair(f"{kind}, STEP", f"prism {number}", files, frozenset({right}), known_scale, "step")
+    about = f"{kind}, STEP", f"prism {number}"
+    return PlantedPair(*about, (first, second), frozenset({right}), known_scale, "step")
 
 
 def main(folder: Path, seed: int, every: int) -> bool:

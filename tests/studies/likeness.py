@@ -29,7 +29,6 @@ from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
 from core.ranking.local_density import typical_densities
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, score_collection
 from tests.studies.common import run, write
 from tests.studies.copies import copy, moved
@@ -112,7 +111,7 @@ def planted(kind: str, label: str, body: int) -> PlantedPair:
     return PlantedPair(kind, name, files, KINDS[kind], known_scale)
 
 
-def thresholds(collection: Path, workers: int) -> list[dict[str, object]]:
+def thresholds(collection: Path, workers: int | None) -> list[dict[str, object]]:
     """Return the shares of pairs of one class and of two that each threshold calls poses or similar."""
     labels, scores = score_collection(collection_files(collection, None), DEFAULT, workers)
     spectral, classes = scores.differences.spectral, np.array(labels)
@@ -229,7 +228,13 @@ def chiral_pairs(chiral: int, symmetric: int, vertices: int) -> Iterator[Planted
 
 
 def main(
-    folder: Path, seed: int, each: int, chiral: int, symmetric: int, collection: Path | None, workers: int
+    folder: Path,
+    seed: int,
+    each: int,
+    chiral: int,
+    symmetric: int,
+    collection: Path | None,
+    workers: int | None,
 ) -> bool:
     """Write likeness.csv and chirality.csv; return whether enough pairs are right, and every scale."""
     if collection is not None:
@@ -245,4 +250,4 @@ def main(
 
 
 if __name__ == "__main__":
-    run(main, __doc__, seed=0, each=30, chiral=40, symmetric=20, collection=Path, workers=default_workers())
+    run(main, __doc__, seed=0, each=30, chiral=40, symmetric=20, collection=Path, workers=int)

@@ -29,7 +29,7 @@ from core.mesh.simplification import decimate
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import pooled_log_odds
 from service.evaluation.calibration import Perturb, perturbed_query
-from service.evaluation.pairwise_scores import default_workers, embed_files, score_pairs, stored, worker_pool
+from service.evaluation.pairwise_scores import embed_files, score_pairs, stored, worker_pool
 from service.evaluation.retrieval import Files, collection_files, labels_of, usable
 from tests.studies.common import Panel, grid, run, save, write
 from tests.studies.perturbation import add_noise, make_soup, separate_parts
@@ -137,7 +137,7 @@ def perturbed(
     return shares | {"cc_itself": mean, "unusable": count - len(itself)}
 
 
-def with_tau(files: Files, tau: float, workers: int) -> dict[str, float]:
+def with_tau(files: Files, tau: float, workers: int | None) -> dict[str, float]:
     """Return NN by score with gallery and queries embedded under a sparse ratio."""
     count = len(files)
     similarities = {name: np.zeros((count, count)) for name in ("cc", "combined")}
@@ -158,7 +158,7 @@ def gallery_of(pool: Executor, files: Files) -> tuple[Files, list[Embedding]]:
 
 
 def main(
-    folder: Path, collections: list[Path], seeds: int, only: list[str], limit: int | None, workers: int
+    folder: Path, collections: list[Path], seeds: int, only: list[str], limit: int | None, workers: int | None
 ) -> None:
     """Write robustness.csv and its pictures, for the first of the collections."""
     files = collection_files(collections[0], limit)
@@ -220,12 +220,4 @@ def curves(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 if __name__ == "__main__":
-    run(
-        main,
-        __doc__,
-        collections="folders",
-        seeds=3,
-        only=(*KINDS, TAU),
-        limit=int,
-        workers=default_workers(),
-    )
+    run(main, __doc__, collections="folders", seeds=3, only=(*KINDS, TAU), limit=int, workers=int)

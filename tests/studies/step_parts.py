@@ -1,7 +1,6 @@
 """Prisms with drilled holes as STEP files: the boundary is exact, and the reader triangulates it."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -9,25 +8,23 @@ from tests.core.io.step_files import Step
 
 Point = tuple[float, float]
 Hole = tuple[float, float, float]
+Vertex = tuple[str, tuple[float, ...]]
+"""An entity and the point where it is before the turn."""
 
 
-@dataclass(frozen=True, eq=False)
-class Prism:
-    """A prism along z: its corners (x, y), counterclockwise, its through holes (x, y, radius), and its
-    height."""
+def step_prism(
+    outline: Sequence[Point], holes: Iterable[Hole], height: float, turn: np.ndarray, scale: float = 1.0
+) -> bytes:
+    """Return the STEP file of a prism along z, turned by a rotation, shape (3, 3), and scaled.
 
-    outline: list[Point]
-    holes: list[Hole]
-    height: float
-
-    def step(self, turn: np.ndarray, scale: float = 1.0) -> bytes:
-        """Return the STEP file of the prism, turned by a rotation, shape (3, 3), and scaled."""
-        file = _Turned(turn, scale)
-        solid = file.prism(self)
-        # The axes of the product are not turned.
-        file.turn = np.eye(3)
-        file.product("part", [solid], file.context("millimetre"))
-        return bytes(file.data())
+    Its corners (x, y) are counterclockwise; its holes (x, y, radius) go through.
+    """
+    file = _Turned(turn, scale)
+    solid = file.prism(outline, holes, height)
+    # The axes of the product are not turned.
+    file.turn = np.eye(3)
+    file.product("part", [solid], file.context("millimetre"))
+    return bytes(file.data())
 
 
 def _truth(value: bool) -> str:
@@ -47,60 +44,57 @@ class _Turned(Step):
     def direction(self, way: Sequence[float]) -> str:
         return str(super().direction(self.turn @ way))
 
-    def vertex(self, *place: float) -> str:
-        return str(self.add(f"VERTEX_POINT('',{self.point(place)})"))
+    def vertex(self, *place: float) -> Vertex:
+        return self.add(f"VERTEX_POINT('',{self.point(place)})"), place
 
-    def edge(self, vertices, start, end) -> str:
-        """Add a straight edge between two vertices, (start, end), at two places."""
-        way = self.direction(np.subtract(end, start))
-        line = self.add(f"LINE('',{self.point(start)},{self.add(f'VECTOR({chr(39) * 2},{way},1.)')})")
-        return str(self.add(f"EDGE_CURVE('',{vertices[0]},{vertices[1]},{line},.T.)"))
+    def edge(self, start: Vertex, end: Vertex) -> str:
+        way = self.direction(np.subtract(end[1], start[1]))
+        line = self.add(f"LINE('',{self.point(start[1])},{self.add(f'VECTOR({chr(39) * 2},{way},1.)')})")
+        return str(self.add(f"EDGE_CURVE('',{start[0]},{end[0]},{line},.T.)"))
 
     def loop(self, *edges: tuple[str, bool]) -> str:
         ways = [self.add(f"ORIENTED_EDGE('',*,*,{edge},{_truth(ahead)})") for edge, ahead in edges]
         return str(self.listed("EDGE_LOOP", ways))
 
-    def face(self, surface: str, outer: str, inner=(), *, outward: bool = True) -> str:
+    def face(self, surface: str, outer: str, inner: Iterable[str] = (), *, outward: bool = True) -> str:
         bounds = [self.add(f"FACE_OUTER_BOUND('',{outer},.T.)")]
         bounds += [self.add(f"FACE_BOUND('',{loop},.T.)") for loop in inner]
         return str(self.add(f"ADVANCED_FACE('',({','.join(bounds)}),{surface},{_truth(outward)})"))
 
-    def prism(self, part: Prism) -> str:
-        count, top = len(part.outline), part.height
-        corners = [[(x, y, z) for x, y in part.outline] for z in (0.0, top)]
-        vertices = [[self.vertex(*corner) for corner in level] for level in corners]
-        after = [(i + 1) % count for i in range(count)]
-        rims = [
-            [self.edge((level[i], level[after[i]]), corner[i], corner[after[i]]) for i in range(count)]
-            for level, corner in zip(vertices, corners, strict=True)
-        ]
-        posts = [
-            self.edge((vertices[0][i], vertices[1][i]), corners[0][i], corners[1][i]) for i in range(count)
-        ]
+    def prism(self, outline: Sequence[Point], holes: Iterable[Hole], height: float) -> str:
+        levels = [[self.vertex(x, y, z) for x, y in outline] for z in (0.0, height)]
+        rims = [[self.edge(*ends) for ends in _around(level)] for level in levels]
+        posts = [self.edge(*ends) for ends in zip(*levels, strict=True)]
         faces = []
-        for i, j in enumerate(after):
-            along = np.subtract(corners[0][j], corners[0][i])
-            plane = self.add(f"PLANE('',{self.placement(corners[0][i], np.cross(along, (0, 0, 1)), along)})")
-            loop = self.loop((rims[0][i], True), (posts[j], True), (rims[1][i], False), (posts[i], False))
-            faces.append(self.face(plane, loop))
+        sides = zip(*rims, _around(posts), _around(levels[0]), strict=True)
+        for low, high, (post, after), ((_, start), (_, end)) in sides:
+            along = np.subtract(end, start)
+            plane = self.add(f"PLANE('',{self.placement(start, np.cross(along, (0, 0, 1)), along)})")
+            faces.append(
+                self.face(plane, self.loop((low, True), (after, True), (high, False), (post, False)))
+            )
         rounds = []
-        for x, y, radius in part.holes:
-            starts = [self.vertex(x + radius, y, z) for z in (0.0, top)]
+        for x, y, radius in holes:
+            ends = [self.vertex(x + radius, y, z) for z in (0.0, height)]
             circles = []
-            for start, z in zip(starts, (0.0, top), strict=True):
-                axes = self.placement((x, y, z), (0, 0, 1), (1, 0, 0))
-                circle = self.add(f"CIRCLE('',{axes},{self.scale * radius!r})")
-                circles.append(self.add(f"EDGE_CURVE('',{start},{start},{circle},.T.)"))
-            seam = self.edge(starts, (x + radius, y, 0.0), (x + radius, y, top))
-            axes = self.placement((x, y, 0.0), (0, 0, 1), (1, 0, 0))
+            for vertex, (_, _, z) in ends:
+                circle = self.add(f"CIRCLE('',{self.placement((x, y, z))},{self.scale * radius!r})")
+                circles.append(self.add(f"EDGE_CURVE('',{vertex},{vertex},{circle},.T.)"))
+            seam = self.edge(*ends)
+            axes = self.placement((x, y, 0.0))
             wall = self.add(f"CYLINDRICAL_SURFACE('',{axes},{self.scale * radius!r})")
             loop = self.loop((circles[0], True), (seam, True), (circles[1], False), (seam, False))
             faces.append(self.face(wall, loop, outward=False))
             rounds.append(circles)
         for level, up in ((0, False), (1, True)):
-            plane = self.add(f"PLANE('',{self.placement((0.0, 0.0, level * top), (0, 0, 1), (1, 0, 0))})")
+            plane = self.add(f"PLANE('',{self.placement((0.0, 0.0, level * height))})")
             edges = [(edge, up) for edge in rims[level]]
             outer = self.loop(*(edges if up else edges[::-1]))
             inner = [self.loop((circles[level], not up)) for circles in rounds]
             faces.append(self.face(plane, outer, inner, outward=up))
         return str(self.add(f"MANIFOLD_SOLID_BREP('',{self.listed('CLOSED_SHELL', faces)})"))
+
+
+def _around(ring: Sequence) -> list[tuple]:
+    """Return each member of a ring with the next."""
+    return [*zip(ring, [*ring[1:], ring[0]], strict=True)]

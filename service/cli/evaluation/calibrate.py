@@ -13,7 +13,6 @@ from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
 from service.console import fail, print_table
 from service.evaluation.calibration import constants, part_pairs, study, summary
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, labels_of, score_collection, spread
 
 PARTS = 48
@@ -48,11 +47,10 @@ def calibrate_command(
     sampled = [spread(files, min(parts, len(files))) for files in chosen]
     _check(map(labels_of, chosen), "")
     _check(map(labels_of, sampled), " by --parts")
-    count = workers or default_workers()
-    scored = [score_collection(files, DEFAULT, count) for files in chosen]
+    scored = [score_collection(files, DEFAULT, workers) for files in chosen]
     _check((labels for labels, _ in scored), "")
     names = [folder.resolve().name for folder in folders]
-    perturbed = [level for files in sampled for level in part_pairs(files, count)]
+    perturbed = [level for files in sampled for level in part_pairs(files, workers)]
     try:
         judged = study(names, scored, perturbed)
     except ParameterError as error:

@@ -12,7 +12,6 @@ from core.evaluation.classification import Classification, classify
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Collection, Workers
 from service.console import fail, print_table
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, score_collection
 from service.search.schemas import RankBy
 
@@ -37,7 +36,7 @@ def classify_command(
     classes = {str(path): label for path, label in files}
     # The path takes the place of the class: the result names the usable files by it.
     named = [(path, str(path)) for path, _ in files]
-    names, scores = score_collection(named, DEFAULT, workers or default_workers())
+    names, scores = score_collection(named, DEFAULT, workers)
     labels = [classes[name] for name in names]
     result = classify(getattr(scores, rank_by), labels, larger_is_closer=rank_by != "ssd")
     shapes: list[dict[str, Any]] = [

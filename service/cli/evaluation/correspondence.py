@@ -16,7 +16,7 @@ from core.gallery import CLASSES
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
 from service.console import counted, fail, print_table, progress
-from service.evaluation.pairwise_scores import default_workers, in_order, worker_pool
+from service.evaluation.pairwise_scores import in_order, worker_pool
 from service.evaluation.template_truth import ORIENTED, OURS, PLAIN, read_truth, study_truth, summary
 
 MEANS = ("samples", "vertices", "direct")
@@ -70,9 +70,8 @@ def correspondence_command(
     correspondence is measured at 400 template vertices: the direct one, and the one up to the symmetry. Pairs
     are of one class, and of two classes that share a template.
     """
-    count = workers or default_workers()
     if truth is not None:
-        _measure_truth(truth, pairs, seed, count, peers=peers, as_json=as_json)
+        _measure_truth(truth, pairs, seed, workers, peers=peers, as_json=as_json)
         return
     if unknown := sorted(set(only or ()) - set(CLASSES)):
         fail(f"{unknown[0]} is none of {', '.join(CLASSES)}", status=2)
@@ -87,7 +86,7 @@ def correspondence_command(
             for label in labels
             for body in range(bodies)
         ]
-    with worker_pool(DEFAULT, count) as pool, progress() as bar:
+    with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         errors = in_order(pool, call, studies, counted(bar, "matching bodies", len(studies)))
     by_class = {label: [body for body in errors if body.label == label] for label in labels}
     means = {
@@ -130,7 +129,9 @@ def correspondence_command(
         fail(f"the mean error is above {MOST_ERROR} for {', '.join(over)}")
 
 
-def _measure_truth(folder: Path, pairs: int, seed: int, workers: int, *, peers: bool, as_json: bool) -> None:
+def _measure_truth(
+    folder: Path, pairs: int, seed: int, workers: int | None, *, peers: bool, as_json: bool
+) -> None:
     if peers and find_spec("pyFM") is None:
         fail("pyfmaps is not installed: pip install isoshape[peers]", status=2)
     methods = (OURS, PLAIN, ORIENTED) if peers else (OURS,)

@@ -12,7 +12,6 @@ from core.evaluation.retrieval_measures import QUANTILES, Evaluation, evaluate, 
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import Collection, Limit, Setting, Workers
 from service.console import fail, print_table
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import collection_files, evaluate_ranking, score_baseline, score_collection
 from service.search.schemas import RankBy
 
@@ -66,13 +65,13 @@ def evaluate_command(
         parameters = PAPER if setting == "paper" else DEFAULT
         if uncapped:
             parameters = parameters.with_values(sampling={"sample_cap": 0})
-        labels, scores = score_collection(files, parameters, workers or default_workers())
+        labels, scores = score_collection(files, parameters, workers)
         cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
         chosen = rank_by or [Ranked.CC]
         rankings: Iterable[Any] = get_args(RankBy) if "all" in chosen else dict.fromkeys(chosen)
         evaluations = {ranking: evaluate_ranking(scores, labels, ranking) for ranking in rankings}
     else:
-        labels, distances = score_baseline(files, method, workers or default_workers())
+        labels, distances = score_baseline(files, method, workers)
         cc = {}
         evaluations = {"distance": evaluate(distances, labels, larger_is_closer=False)}
     named = setting if method == "isoshape" else method

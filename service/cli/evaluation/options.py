@@ -16,7 +16,7 @@ Workers = Annotated[
         min=1, envvar="ISOSHAPE_WORKERS", help="Worker processes. [default: one for each processor]"
     ),
 ]
-"""Number of processes that compute; `service.evaluation.pairwise_scores.default_workers` where None."""
+"""Number of processes that compute, by `service.evaluation.pairwise_scores.worker_pool`."""
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print all numbers as one JSON object.")]
 

@@ -13,7 +13,6 @@ from core.evaluation.retrieval_measures import Evaluation, evaluate
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import AsJson, Collection, Limit, Setting, Workers
 from service.console import fail, print_table
-from service.evaluation.pairwise_scores import default_workers
 from service.evaluation.retrieval import (
     collection_files,
     evaluate_ranking,
@@ -57,15 +56,14 @@ def table2_command(
     methods = tuple(BASELINES) if baselines else ()
     for method in methods:
         require(method)
-    count = workers or default_workers()
-    labels, scores = score_collection(files, PAPER if setting == "paper" else DEFAULT, count)
+    labels, scores = score_collection(files, PAPER if setting == "paper" else DEFAULT, workers)
     unusable = len(files) - len(labels)
     figures = {
         "cc": evaluate_ranking(scores, labels, "cc"),
         "combined": evaluate_ranking(scores, labels, "combined"),
     }
     for method in methods:
-        labels, distances = score_baseline(files, method, count)
+        labels, distances = score_baseline(files, method, workers)
         unusable += len(files) - len(labels)
         figures[method] = evaluate(distances, labels, larger_is_closer=False)
     lines = compared(figures)

@@ -42,13 +42,6 @@ def test_pairs_of_one_class_and_of_two(folder):
         assert 0.0 <= told["symmetric"]["mean"] <= min(0.06, told["direct"]["mean"])
 
 
-def test_without_a_second_class_there_are_no_different_pairs(folder):
-    (folder / "labels.csv").write_text("file,class\n0.off,a\n1.off,a\n")
-    found = study_truth(read_truth(folder), 1, 0, 1, (OURS,))[OURS]
-    assert len(found["same"]) == 1
-    assert found["different"] == []
-
-
 def test_means_and_medians_over_pairs():
     errors = [TruthErrors(0.1, 0.01), TruthErrors(0.2, 0.02), TruthErrors(0.6, 0.09)]
     told = summary(errors)
@@ -73,8 +66,3 @@ def test_a_fault_of_the_folder_is_named(folder, name, text, message):
         (folder / "1.sym.vts").unlink()
     with pytest.raises(DatasetError, match=message):
         study_truth(read_truth(folder), 9, 0, 1, (OURS,))
-
-
-def test_a_folder_without_labels(tmp_path):
-    with pytest.raises(DatasetError, match=r"labels\.csv"):
-        read_truth(tmp_path)
