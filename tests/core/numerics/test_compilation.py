@@ -96,14 +96,19 @@ print(there.tolist(), back.tolist())
 """
 
 
-def test_a_compiled_and_a_loaded_kernel_have_the_same_bits(tmp_path):
+def assert_compiled_and_loaded_alike(program, folder, kernel, *arguments):
     """A process that compiles a kernel prints the same as one that loads it from the cache."""
 
     def printed():
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-        return subprocess.check_output([sys.executable, "-c", NEAREST], env=environment, timeout=600)
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache")}
+        command = [sys.executable, "-c", program, *map(str, arguments)]
+        return subprocess.check_output(command, env=environment, timeout=600)
 
     first = printed()
-    assert list(tmp_path.rglob("*nearest_both_ways*.nbc"))
+    assert list((folder / "cache").rglob(f"*{kernel}*.nbc"))
     assert first
     assert printed() == first
+
+
+def test_a_compiled_and_a_loaded_kernel_have_the_same_bits(tmp_path):
+    assert_compiled_and_loaded_alike(NEAREST, tmp_path, "nearest_both_ways")
