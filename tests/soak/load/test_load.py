@@ -30,8 +30,8 @@ WARM_UP = max(0.25 * MINUTES, 2.0)
 MOST_SLOPE = 1.0
 """MiB a minute."""
 MOST_GROWTH = 30.0 if MINUTES < 20 else 15.0
-"""MiB in all: that slope over the judged part of 20 minutes. In five minutes the caches of 160 shapes still fill
-on a busy machine, with 28 MiB at most, and the slope alone says little."""
+"""MiB in all: that slope over the judged part of 20 minutes. In five minutes on a busy machine caches
+still fill, with 28 MiB for 160 shapes, and the slope alone says little."""
 
 
 class Client(threading.Thread):
