@@ -76,7 +76,7 @@ def test_the_work_of_a_client_that_goes_away_is_stopped(
         "match_embeddings": {"json": {"first": first["id"], "second": first["id"]}},
         "dense_correspondence": {"json": {"first": first["id"], "second": first["id"]}},
     }[task]
-    module = tasks if task == "dense_correspondence" else work_module
+    module = work_module if task == "embed_mesh" else tasks
     wait_until(pool.pids, seconds=60)
     before = pool.pids()
     with monkeypatch.context() as patch:

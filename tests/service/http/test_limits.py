@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from service.compute import request_queue as work_module
+from service.compute import tasks
 from tests.service.support import (
     Running,
     assert_problem,
@@ -122,7 +123,7 @@ def test_a_comparison_that_takes_too_long_may_be_tried_again(
     shape = strict.store(small_file(1))
     with monkeypatch.context() as patch:
         patch.setattr(strict.container.pool, "seconds", TASK_SECONDS)
-        patch.setattr(work_module, "match_embeddings", nap_instead)
+        patch.setattr(tasks, "match_embeddings", nap_instead)
         pair = {"first": shape["id"], "second": shape["id"]}
         assert_problem(strict.client.post("/compare", json=pair), 503, "time-limit")
     wait_until(strict.container.pool.pids, seconds=60)

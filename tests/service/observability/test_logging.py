@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.compute import request_queue
+from service.compute import request_queue, tasks
 from service.observability.logging import LOGGER, JsonFormatter, configure, get_logger, request_id
 from tests.service.support import Running, assert_problem, query, small_file, upload, wait_until
 from tests.service.tasks import fail_unexpectedly
@@ -89,8 +89,8 @@ def test_a_failure_of_the_method_is_logged_and_the_worker_goes_on(
     workers = shared.container.pool.pids()
     first, second = (shared.store(small_file(number))["id"] for number in (1, 2))
     with monkeypatch.context() as patch:
-        for task in ("embed_mesh", "match_embeddings"):
-            patch.setattr(request_queue, task, fail_unexpectedly)
+        for module, task in ((request_queue, "embed_mesh"), (tasks, "match_embeddings")):
+            patch.setattr(module, task, fail_unexpectedly)
         for answer in (
             upload(shared.client, small_file(77), "table.off"),
             query(shared.client, small_file(77)),

@@ -9,6 +9,7 @@ import threading
 import pytest
 
 from service.compute import request_queue as work_module
+from service.compute import tasks
 from service.search import scoring
 from tests.service.calls import Calls, assert_recovered, reads, the_kept
 from tests.service.processes import runs
@@ -57,7 +58,7 @@ def test_a_worker_that_is_killed(
 
     killer = threading.Thread(target=kill)
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, task, nap_instead)
+        patch.setattr(work_module if task == "embed_mesh" else tasks, task, nap_instead)
         killer.start()
         assert_problem(calls(frail, kept)[name](), 503, "worker-lost")
     killer.join()
@@ -84,7 +85,7 @@ def test_a_worker_without_memory(
     wait_until(frail.container.pool.pids, seconds=60)
     before = frail.container.pool.pids()
     with monkeypatch.context() as patch:
-        patch.setattr(work_module, task, run_out_of_memory)
+        patch.setattr(work_module if task == "embed_mesh" else tasks, task, run_out_of_memory)
         assert "memory" in assert_problem(calls(frail, kept)[name](), status, kind)["detail"]
     assert frail.container.pool.pids() == before
     assert_recovered(frail, kept)
