@@ -8,7 +8,14 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from core.errors import ParameterError
-from core.evaluation.calibration import BINS, LabelledPairs, fit, fit_logistic, leave_class_out, reliability
+from core.evaluation.calibration import (
+    BINS,
+    LabelledPairs,
+    fit,
+    fit_logistic,
+    leave_class_out,
+    reliability,
+)
 from core.ranking.class_probability import Calibration
 
 TRUE = Calibration(intercept=-3.0, slopes=(-2.0, 0.5))
@@ -34,6 +41,16 @@ def test_a_logistic_is_recovered_from_its_own_chances(offsets):
     found = fit_logistic(np.concatenate([points, points]), same, weights, np.tile(offsets, 2))
     assert found.intercept == pytest.approx(TRUE.intercept, abs=0.02)
     assert found.slopes == pytest.approx(TRUE.slopes, abs=0.005)
+
+
+def test_a_logistic_is_recovered_from_draws():
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(40_000, 2))
+    found = fit_logistic(
+        points, rng.random(len(points)) < TRUE.class_probability(points), np.ones(len(points))
+    )
+    assert found.intercept == pytest.approx(TRUE.intercept, abs=0.1)
+    assert found.slopes == pytest.approx(TRUE.slopes, abs=0.1)
 
 
 def test_the_same_as_an_outside_library():

@@ -68,12 +68,31 @@ def test_a_shape_that_is_like_nothing_stays_unmatched():
     assert found.balanced_accuracy == 1.0
 
 
+def test_a_class_is_judged_without_its_own_scores():
+    labels = ["a"] * 3 + ["b"] * 3 + ["c"] * 3
+    same = np.array(labels)[:, None] == np.array(labels)
+    scores = np.where(same, 0.9, 0.3)
+    # Far apart among themselves: by their own scores they would be matched, by the others' they are not.
+    scores[:3, :3] = 0.4
+    found = classify(scores, labels, larger_is_closer=True)
+    np.testing.assert_array_equal(found.matched, [False] * 3 + [True] * 6)
+
+
 def test_distances_are_similarities_turned_round():
     scores = random_scores(3)
     near, far = (classify(sign * scores, LABELS, larger_is_closer=sign > 0) for sign in (1.0, -1.0))
     np.testing.assert_array_equal(near.matched, far.matched)
     np.testing.assert_array_equal(near.score, -far.score)
     assert near.threshold == -far.threshold
+
+
+def test_the_order_of_the_shapes_changes_nothing():
+    scores, order = random_scores(4), np.random.default_rng(0).permutation(len(LABELS))
+    first = classify(scores, LABELS, larger_is_closer=True)
+    second = classify(scores[np.ix_(order, order)], [LABELS[i] for i in order], larger_is_closer=True)
+    np.testing.assert_array_equal(first.matched[order], second.matched)
+    np.testing.assert_array_equal(first.neighbour[order], order[second.neighbour])
+    assert first.threshold == second.threshold
 
 
 @pytest.mark.parametrize(

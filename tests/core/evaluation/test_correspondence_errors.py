@@ -10,6 +10,7 @@ from core.errors import ParameterError
 from core.evaluation.correspondence_errors import (
     MEASURED,
     MOST_ERROR,
+    dense_map,
     drawn_pairs,
     known_mesh,
     measured_vertices,
@@ -73,6 +74,12 @@ def test_the_truth_follows_the_vertices_of_the_file():
     truth = np.array([[3, 17, len(mesh.vertices)]])
     known = known_mesh(doubled, truth, PIPELINE)
     np.testing.assert_allclose(known.mesh.vertices[known.truth], doubled.vertices[truth], atol=1e-6)
+
+
+def test_the_dense_correspondence_of_two_poses(bodies):
+    errors = truth_errors(*bodies, dense_map(*bodies, PIPELINE))
+    assert errors.symmetric <= 0.06
+    assert errors.direct >= errors.symmetric
 
 
 def test_a_vertex_that_is_none_of_the_mesh():
