@@ -58,6 +58,8 @@ def client_of(scope: Scope) -> str:
 
 HEADER = "X-Request-ID"
 
+# Answers that change with what is stored, and may be for one key only.
+_PRIVATE = ("application/json", "application/problem+json", "text/csv")
 # No answer: the client disconnected. Proxies use the same number.
 CLIENT_GONE = 499
 
@@ -89,7 +91,11 @@ class RequestContext:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                MutableHeaders(scope=message)[HEADER] = identifier
+                headers = MutableHeaders(scope=message)
+                headers[HEADER] = identifier
+                headers["X-Content-Type-Options"] = "nosniff"
+                if "etag" not in headers and headers.get("content-type", "").startswith(_PRIVATE):
+                    headers.setdefault("Cache-Control", "no-store")
             await send(message)
 
         try:

@@ -158,4 +158,4 @@ async def _preview(container: Container, data: bytes, format: str) -> bytes:
 
 def _headers(tag: str) -> dict[str, str]:
     """Return headers of a cached answer: the browser of one person keeps it, and validates it each time."""
-    return {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache", "X-Content-Type-Options": "nosniff"}
+    return {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache"}

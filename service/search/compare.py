@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.descriptors.registry import descriptors_of
@@ -40,7 +40,7 @@ from service.search.schemas import pairs
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
-from service.shapes.fields import base_name
+from service.shapes.fields import base_name, storable_text
 from service.storage.database import ReadSession
 from service.web.endpoints import viewing_page
 
@@ -52,7 +52,7 @@ PICTURE_SIZE = 512
 """Height of the picture of a comparison, in pixels."""
 
 IdOrFile = Annotated[
-    UploadFile | Annotated[str, Field(max_length=64)],
+    UploadFile | Annotated[str, AfterValidator(storable_text), Field(max_length=64)],
     Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
 ]
 

@@ -4,7 +4,7 @@ from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
-from pydantic import ConfigDict, Field
+from pydantic import AfterValidator, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.io import format_of
@@ -24,6 +24,7 @@ from service.search.answer import (
 )
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.endpoints import MeshUpload, ShapeId
+from service.shapes.fields import storable_text
 from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
@@ -42,7 +43,9 @@ class StoredQuery(SearchOptions):
 
     model_config = ConfigDict(json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}})
 
-    shape_id: str = Field(description="The id of the shape to search with.", max_length=64)
+    shape_id: Annotated[str, AfterValidator(storable_text)] = Field(
+        description="The id of the shape to search with.", max_length=64
+    )
 
 
 QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)

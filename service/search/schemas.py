@@ -7,11 +7,11 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness
 from service.collection import CollectionNumber
-from service.shapes.fields import split_tags
+from service.shapes.fields import split_tags, storable_text
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, Shape
 
@@ -109,7 +109,9 @@ def _split(value: object) -> object:
 
 
 Excluded = Annotated[
-    list[Annotated[str, Field(max_length=64)]], BeforeValidator(_split), Field(max_length=EXCLUDED)
+    list[Annotated[str, AfterValidator(storable_text), Field(max_length=64)]],
+    BeforeValidator(_split),
+    Field(max_length=EXCLUDED),
 ]
 
 

@@ -37,6 +37,7 @@ from service.shapes.fields import (
     Metadata,
     base_name,
     clean_name,
+    storable_text,
 )
 from service.shapes.records import NewShape, Sort
 from service.shapes.schemas import (
@@ -129,7 +130,9 @@ router = APIRouter(tags=["shapes"])
 
 SHAPE = RequestBody(ShapeUpload)
 
-ShapeId = Annotated[str, Path(description="The id of a stored shape.", max_length=64)]
+ShapeId = Annotated[
+    str, AfterValidator(storable_text), Path(description="The id of a stored shape.", max_length=64)
+]
 
 
 NamedKey = Annotated[

@@ -31,6 +31,13 @@ def clean_text(text: str) -> str:
     return text
 
 
+def storable_text(text: str) -> str:
+    """Return the text; raise ValueError if no database holds it: with a zero, or half of a surrogate pair."""
+    if any(character == "\0" or "\ud800" <= character <= "\udfff" for character in text):
+        raise ValueError("text must be Unicode, without zeros and halves of surrogate pairs")
+    return text
+
+
 def clean_name(name: str) -> str:
     """Return a name of 1 to `NAME_CHARACTERS` characters."""
     name = clean_text(name)
@@ -69,6 +76,7 @@ def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     if len(metadata) > METADATA_KEYS:
         raise ValueError(f"at most {METADATA_KEYS} keys are taken, not {len(metadata)}")
     for key in metadata:
+        storable_text(key)
         if not 1 <= len(key) <= METADATA_KEY_CHARACTERS:
             raise ValueError(f"a key must have 1 to {METADATA_KEY_CHARACTERS} characters, not {len(key)}")
     for value, depth in _walk(metadata):
@@ -76,8 +84,8 @@ def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
             raise ValueError(f"nested deeper than {METADATA_DEPTH} levels")
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError("numbers must be finite")
-        if isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
-            raise ValueError("text must be Unicode, without halves of surrogate pairs")
+        if isinstance(value, str):
+            storable_text(value)
     size = len(json.dumps(metadata, ensure_ascii=False).encode())
     if size > METADATA_BYTES:
         raise ValueError(f"at most {METADATA_BYTES} bytes are taken, not {size}")

@@ -104,7 +104,6 @@ async def read_file(
         "Content-Length": str(size),
         "ETag": tag,
         "Content-Disposition": disposition(shape.name, kind),
-        "X-Content-Type-Options": "nosniff",
     }
     body = b"" if request.method == "HEAD" else data
     return Response(body, media_type=FORMATS[kind].media_type, headers=headers)
@@ -226,7 +225,7 @@ async def store_replacement(
     def matching(session: ReadSession) -> ShapeRecord:
         record = get(session, collection, shape_id)
         tag = entity_tag(record.sha256)
-        if if_match is not None and not is_known(if_match, tag):
+        if if_match is not None and not is_known(if_match, tag, weak=False):
             raise FileChangedError(f"the ETag of the file is now {tag}")
         return record
 
@@ -271,9 +270,12 @@ def entity_tag(sha256: str) -> str:
     return f'"{sha256}"'
 
 
-def is_known(if_none_match: str | None, tag: str) -> bool:
-    """Return whether an If-None-Match header contains the tag, or is `*`."""
-    if if_none_match is None:
-        return False
-    given = [part.strip().removeprefix("W/") for part in if_none_match.split(",")]
+def is_known(tags: str | None, tag: str, *, weak: bool = True) -> bool:
+    """Return whether a header of tags contains one, or is `*`.
+
+    If-None-Match compares weakly, and If-Match does not (RFC 9110, section 8.8.3.2).
+    """
+    given = [part.strip() for part in (tags or "").split(",")]
+    if weak:
+        given = [part.removeprefix("W/") for part in given]
     return "*" in given or tag in given

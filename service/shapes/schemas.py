@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 from core.parameters import INCOMPLETE
 from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
-from service.shapes.fields import ListedTags, Metadata, Name, Tags, clean_text
+from service.shapes.fields import ListedTags, Metadata, Name, Tags, clean_text, storable_text
 from service.shapes.records import Position, Range, ShapeFilter, ShapeRecord, Sort, StoredShape
 
 METADATA_FILTERS = 32
@@ -61,7 +61,9 @@ class Filters(BaseModel):
         max_length=255,
         description="Only shapes whose name contains this text; upper and lower case are equal.",
     )
-    metadata: list[Annotated[str, Field(json_schema_extra={"pattern": "^[^=]+="})]] = Field(
+    metadata: list[
+        Annotated[str, AfterValidator(storable_text), Field(json_schema_extra={"pattern": "^[^=]+="})]
+    ] = Field(
         default=[],
         max_length=METADATA_FILTERS,
         description="Only shapes with this entry in their metadata, as key=value; with all entries, if "
@@ -138,9 +140,11 @@ def read_position(cursor: str | None, sort: Sort) -> Position | None:
     try:
         content = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
         number, name = content["after"], content.get("name")
-    except (AttributeError, KeyError, TypeError, ValueError):
+        if name is not None:
+            storable_text(name)
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError):
         number = name = None
-    if not isinstance(number, int) or not 0 <= number < 2**63:
+    if type(number) is not int or not 0 <= number < 2**63:
         raise BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
     if isinstance(name, str) != (sort == "name"):
         message = f"the cursor belongs to a list in another order than sort={sort}"

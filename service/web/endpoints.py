@@ -66,7 +66,7 @@ def names() -> frozenset[str]:
     )
 
 
-_ALWAYS = {"Referrer-Policy": "same-origin", "X-Content-Type-Options": "nosniff"}
+_ALWAYS = {"Referrer-Policy": "same-origin"}
 
 
 def page(request: Request, name: str) -> Response:

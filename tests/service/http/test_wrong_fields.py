@@ -1,5 +1,6 @@
 """Fields, options and filters that cannot be used are refused by their names, in whatever request."""
 
+import base64
 import json
 from collections.abc import Callable
 from typing import Any
@@ -46,6 +47,7 @@ WRONG: dict[tuple[str, ...], list[tuple[Any, str]]] = {
         ({"metadata": '{"a": NaN}'}, "metadata"),
         ({"metadata": '{"a": 1e999}'}, "metadata"),
         ({"metadata": '{"a": "\\ud800"}'}, "metadata"),
+        ({"metadata": '{"a": "\\u0000"}'}, "metadata"),
         ({"metadata": json.dumps({"a": "x" * 20_000})}, "metadata"),
         ({"metadata": json.dumps({str(i): i for i in range(65)})}, "metadata"),
         ({"metadata": '{"a":' * 9 + "1" + "}" * 9}, "metadata"),
@@ -69,6 +71,17 @@ WRONG: dict[tuple[str, ...], list[tuple[Any, str]]] = {
             ({"cursor": cursor}, "cursor")
             for cursor in ("x", "!!!", "e30", "eyJhZnRlciI6IC0xfQ", "eyJhZnRlciI6ICJhIn0", "WzFd")
         ),
+        # A boolean, half of a surrogate pair, a zero, and lists in lists.
+        *(
+            ({"cursor": base64.urlsafe_b64encode(content.encode()).decode(), "sort": "name"}, "cursor")
+            for content in (
+                '{"after": true, "name": "a"}',
+                '{"after": 1, "name": "\\ud800"}',
+                '{"after": 1, "name": "\\u0000"}',
+                "[" * 3000,
+            )
+        ),
+        ({"metadata": "year=\0"}, "metadata"),
     ],
     ("change",): [
         ({"name": ""}, "name"),
@@ -94,6 +107,7 @@ WRONG: dict[tuple[str, ...], list[tuple[Any, str]]] = {
         ('{"shape_id": 3}', "shape_id"),
         ('{"shape_id": "a", "top_k": 1e999}', "top_k"),
         ('{"shape_id": "\\ud800"}', "shape_id"),
+        ('{"shape_id": "\\u0000"}', "shape_id"),
     ],
     SEARCHES: [
         ({"top_k": 0}, "top_k"),

@@ -72,6 +72,8 @@ def test_only_the_file_that_is_meant_is_replaced(service: Running) -> None:
             put(service, shape.id, small_file(3), **{"If-Match": f'"{shape.sha256}"'}), 412, "file-changed"
         )
         assert client.shape(shape.id) == first
+        weak = {"If-Match": f'W/"{first.sha256}"'}
+        assert_problem(put(service, shape.id, small_file(3), **weak), 412, "file-changed")
         assert put(service, shape.id, small_file(3), **{"If-Match": "*"}).status_code == 200
 
 
