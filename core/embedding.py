@@ -85,7 +85,7 @@ class Embedding:
     graph_edges : int32, shape (e, 2)
         Edges (i, j) of the sparse graph on the samples, i < j.
     graph_lengths : float32, shape (e,)
-        Length of each edge, in units of `facts.scale`.
+        Length of each edge, in units of the root mean square radius of the surface with its holes closed.
     tree_edges : int32, shape (m - 1, 2)
         Edges of the minimum spanning tree of the sparse graph.
     regions : int32, shape (d,)

@@ -16,7 +16,7 @@ from string import Template
 import numpy as np
 
 from core.arrays import Floats
-from core.io import read_mesh
+from core.io import FORMATS, read_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
 from service.rendering.colours import colours_of_points
@@ -69,7 +69,7 @@ class Preview:
         (length,) = struct.unpack_from("<I", glb, _LENGTH)
         (node,) = json.loads(glb[_JSON : _JSON + length])["nodes"]
         middle, half = np.array(node["extras"]["middle"]), float(node["extras"]["half"])
-        turn = upright(format) / half
+        turn = FORMATS[_GLB].millimetres * upright(format) / half
         return cls(read_mesh(glb, _GLB), np.hstack([turn, -(turn @ middle)[:, None]]))
 
     def placed(self, points: Floats) -> Floats:
@@ -153,6 +153,7 @@ def _section(result: Result, of_query: bytes, of_shape: bytes, query: str) -> st
         "tags": ", ".join(shape.tags),
         "metadata": _written(shape.metadata) if shape.metadata else "",
         "vertices, faces": f"{shape.facts.vertices}, {shape.facts.faces}",
+        "unit": shape.unit or "not stated",
         "length × width × height": box_in_words(shape.facts),
         "area": number_in_words(shape.facts.area),
         "volume": volume_in_words(shape.facts),

@@ -8,22 +8,29 @@ from core.embedding import Facts
 from core.mesh.cleaning import Cleaned, centroid, component_areas, face_areas
 from core.mesh.edges import boundary_edges, component_labels
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import NormalFrame
+from core.mesh.normal_frame import NormalFrame, second_moments
 from core.numerics.compilation import compiled_for_reading
 
 
 def measure(mesh: Mesh, cleaned: Cleaned, frame: NormalFrame) -> Facts:
-    """Return the measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame."""
+    """Return the measurements of a mesh, from the mesh as read, the cleaned mesh and its normal frame.
+
+    Those of an open surface are of the surface without the discs that close its holes.
+    """
     faces = cleaned.mesh.faces
-    volume = signed_volume(frame.apply(cleaned.mesh.vertices), faces)
     face_counts = cleaned.mesh.half_edges.face_counts
-    area = float(face_areas(cleaned.mesh.vertices, faces).sum())
+    areas = face_areas(cleaned.mesh.vertices, faces)
+    area = float(areas.sum())
+    # The frame is that of the surface with its holes filled.
+    points = cleaned.mesh.vertices - centroid(cleaned.mesh.vertices, faces, areas)
+    unit = frame.scale
+    scale = unit * float(np.sqrt(np.trace(second_moments(points / unit, faces, areas / unit**2))))
     return Facts(
         vertices=len(mesh.vertices),
         faces=len(mesh.faces),
         area=area,
-        volume=float(abs(volume) * frame.scale**3),
-        scale=frame.scale,
+        volume=float(abs(signed_volume(points / unit, faces)) * unit**3),
+        scale=scale,
         components=cleaned.components,
         merged_vertices=cleaned.merged_vertices,
         dropped_faces=cleaned.dropped_faces,

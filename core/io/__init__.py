@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from core.io.checks import DEFAULT_LIMITS, Limits
     from core.io.formats import FORMATS, Format, by_ending, format_of, readable, writable
     from core.io.parts import PATH_NAMES, Part, clean_name
-    from core.io.read import read_mesh, read_parts, write_mesh
+    from core.io.read import MeshFile, read_file, read_mesh, read_parts, write_mesh
 
 __all__ = [
     "DEFAULT_LIMITS",
@@ -21,10 +21,12 @@ __all__ = [
     "PATH_NAMES",
     "Format",
     "Limits",
+    "MeshFile",
     "Part",
     "by_ending",
     "clean_name",
     "format_of",
+    "read_file",
     "read_mesh",
     "read_parts",
     "readable",
@@ -36,7 +38,7 @@ _MODULES = {
     **dict.fromkeys(("DEFAULT_LIMITS", "Limits"), "checks"),
     **dict.fromkeys(("FORMATS", "Format", "by_ending", "format_of", "readable", "writable"), "formats"),
     **dict.fromkeys(("PATH_NAMES", "Part", "clean_name"), "parts"),
-    **dict.fromkeys(("read_mesh", "read_parts", "write_mesh"), "read"),
+    **dict.fromkeys(("MeshFile", "read_file", "read_mesh", "read_parts", "write_mesh"), "read"),
 }
 
 

@@ -1,7 +1,8 @@
-"""Limits of a mesh file; checks of counts and of indices; triangles of polygons; meshes joined."""
+"""The content of a mesh file and its limits; checks of counts and of indices; meshes joined."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,17 @@ class Limits:
 
 
 DEFAULT_LIMITS = Limits()
+
+
+class Content(NamedTuple):
+    """The mesh of a file: vertices, shape (n, 3), faces, shape (f, 3), and what a reader left out or guessed.
+
+    `warnings` are sentences for people.
+    """
+
+    vertices: Floats
+    faces: Ints
+    warnings: tuple[str, ...] = ()
 
 
 def declared(count: int, size: int, limit: int, things: str) -> None:
@@ -72,34 +84,3 @@ def joined(meshes: Iterable[tuple[Floats, Ints]]) -> tuple[Floats, Ints]:
     starts = np.cumsum([0, *map(len, vertices)])
     shifted = [corners + start for corners, start in zip(faces, starts, strict=False)]
     return np.concatenate(vertices), np.concatenate(shifted)
-
-
-def triangles(corners: Ints, sizes: Ints, vertices: int, limits: Limits) -> Ints:
-    """Cut polygons into fans of triangles around their first corners.
-
-    A fan covers a convex polygon, and any polygon that is star-shaped about its first corner.
-
-    Raise MalformedMeshError if an index is outside 0 .. vertices - 1, and MeshTooComplexError if there are
-    more triangles than faces in the limits.
-
-    Parameters
-    ----------
-    corners : int64, shape (sum(sizes),)
-        The polygons' vertices, counted from 0, one polygon after another.
-    sizes : int64, shape (n,)
-        Number of corners of each polygon, >= 0. Polygons of fewer than three corners are left out.
-
-    Returns
-    -------
-    int64, shape (f, 3)
-    """
-    check_indices(corners, vertices)
-    if (sizes == 3).all():
-        within(len(sizes), limits.faces, "triangles")
-        return corners.reshape(-1, 3)
-    pieces = np.maximum(sizes - 2, 0)
-    within(int(pieces.sum()), limits.faces, "triangles")
-    polygon = np.repeat(np.arange(len(sizes)), pieces)
-    piece = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    first = (np.cumsum(sizes) - sizes)[polygon]
-    return np.asarray(corners[np.column_stack([first, first + piece + 1, first + piece + 2])])

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from core.errors import UnknownFormatError
 
 if TYPE_CHECKING:
-    from core.arrays import Floats, Ints
-    from core.io.checks import Limits
+    from core.io.checks import Content, Limits
     from core.io.parts import Part
     from core.mesh.mesh import Mesh
 
@@ -29,7 +28,10 @@ class Format:
     media_type : str
         The registered media type, or that of any bytes.
     magic : bytes
-        The first bytes of a file, white space aside; empty if the reader decides.
+        The first bytes that no file of another format has, white space aside; empty if there are none.
+    millimetres : float
+        Millimetres in the unit of the format; 0 if files do not state their unit. Meshes of a format with a
+        unit are read and written in millimetres.
     y_up : bool
         Whether y is the upward axis by convention of most programs; otherwise z is.
     vertex_bytes, face_bytes : int
@@ -45,6 +47,7 @@ class Format:
     module: str
     media_type: str = "application/octet-stream"
     magic: bytes = b""
+    millimetres: float = 0.0
     y_up: bool = False
     vertex_bytes: int = 0
     face_bytes: int = 0
@@ -71,13 +74,18 @@ class Format:
         """Whether there is a writer."""
         return self.face_bytes > 0
 
-    def read(self, data: bytes, limits: "Limits") -> "tuple[Floats, Ints]":
-        """Return the vertices, shape (n, 3), and the faces, shape (f, 3), of a file.
+    @property
+    def unit(self) -> str:
+        """Return the unit of meshes that are read: "mm", or "" if the format does not state it."""
+        return "mm" if self.millimetres else ""
+
+    def read(self, data: bytes, limits: "Limits") -> "Content":
+        """Return the mesh of a file, and warnings.
 
         Raise a MeshError, whose subclass tells the kind of fault, if it is malformed or exceeds the limits.
         """
-        arrays: tuple[Floats, Ints] = import_module(self.module).read(data, limits)
-        return arrays
+        content: Content = import_module(self.module).read(data, limits)
+        return content
 
     def read_parts(self, data: bytes, limits: "Limits") -> "list[Part]":
         """Return the distinct parts of an assembly; errors are those of `read`."""
@@ -96,11 +104,36 @@ _TABLE = (
     Format(("obj",), "core.io.obj", "model/obj", y_up=True, vertex_bytes=80, face_bytes=30),
     Format(("ply",), "core.io.ply", vertex_bytes=12, face_bytes=13),
     Format(("off",), "core.io.off", vertex_bytes=78, face_bytes=31),
-    Format(("glb",), "core.io.glb", "model/gltf-binary", b"glTF", y_up=True, vertex_bytes=12, face_bytes=12),
     Format(
-        ("3mf",), "core.io.threemf", "model/3mf", b"PK\x03\x04", vertex_bytes=98, face_bytes=58, splits=True
+        ("glb", "gltf"),
+        "core.io.glb",
+        "model/gltf-binary",
+        b"glTF",
+        millimetres=1_000.0,
+        y_up=True,
+        vertex_bytes=12,
+        face_bytes=12,
     ),
-    Format(("step", "stp"), "core.io.step", "model/step", b"ISO-10303-21;", splits=True, package="cascadio"),
+    Format(
+        ("3mf",),
+        "core.io.threemf",
+        "model/3mf",
+        b"PK\x03\x04",
+        millimetres=1.0,
+        vertex_bytes=98,
+        face_bytes=58,
+        splits=True,
+    ),
+    Format(
+        ("step", "stp"),
+        "core.io.step",
+        "model/step",
+        b"ISO-10303-21;",
+        millimetres=1.0,
+        splits=True,
+        package="cascadio",
+    ),
+    Format(("iges", "igs"), "core.io.iges", "model/iges", millimetres=1.0, package="cascadio"),
 )
 
 FORMATS: dict[str, Format] = {format.name: format for format in _TABLE}
@@ -123,14 +156,16 @@ def by_ending(ending: str) -> Format | None:
 
 
 def read_format(ending: str) -> Format:
-    """Return the format of an ending; raise UnknownFormatError if none with a reader here has it."""
-    format = by_ending(ending)
+    """Return the format of an ending; raise UnknownFormatError if none with a reader here has it.
+
+    A ZIP is that of a glTF and its files.
+    """
+    format = by_ending("gltf" if ending.lower() == "zip" else ending)
     if format is None:
         raise UnknownFormatError(f"the format {_shown(ending)} is not one of {', '.join(readable())}")
     if not format.is_read:
         raise UnknownFormatError(
-            f"{format.title} is not read here: it needs the extra {format.name!r}, as "
-            f"pip install 'isoshape[{format.name}]'"
+            f"{format.title} is not read here: it needs the extra 'step', as pip install 'isoshape[step]'"
         )
     return format
 

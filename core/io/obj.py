@@ -7,34 +7,38 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, MeshTooComplexError
-from core.io.checks import Limits, triangles, within
+from core.io.checks import Content, Limits, within
+from core.io.polygons import triangles
 from core.io.text import coordinates, face_lines, plain_text, polygons, vertex_lines
 from core.mesh.mesh import Mesh
 
 # A newline in front, rather than an anchor, is found by a search for the byte.
-_VERTEX = re.compile(rb"\n[ \t]*v[ \t]([^\n#]*)")
-_FACE = re.compile(rb"\n[ \t]*f[ \t]+([^ \t\n#][^\n#]*)")
+# A number sign after a point begins no comment: 1.#QNAN is a number of Microsoft's C library.
+_VERTEX = re.compile(rb"\n[ \t]*[vV][ \t]([^\n#]*+(?:(?<=\.)#[^\n#]*+)*)")
+# "fo" is the face of old versions.
+_FACE = re.compile(rb"\n[ \t]*(?:fo?|F)[ \t]+([^ \t\n#][^\n#]*)")
 _PART = re.compile(rb"\n[ \t]*(?:o|g|usemtl)[ \t]")
-_COMMENT_THAT_GOES_ON = re.compile(rb"#[^\n]*\\(?=\n)")
+_CONTINUATION = re.compile(rb"\\[ \t]*\n")
+_COMMENT_THAT_GOES_ON = re.compile(rb"#[^\n]*\\[ \t]*(?=\n)")
 _TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
 # Lines taken at a time, because a substitution keeps every piece it makes until the last.
 _BLOCK = 65_536
 
 
-def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the positions of an OBJ, shape (n, 3), and its faces as triangles, shape (f, 3), counted from 0.
+def read(data: bytes, limits: Limits) -> Content:
+    """Return the positions of an OBJ, and its faces as triangles, counted from 0.
 
     Objects, groups and materials are joined. Texture coordinates, normals, colours, points and lines are left
     out, and no referenced file is opened.
     """
     text = b"\n" + plain_text(data)
-    if b"\\\n" in text:
-        within(text.count(b"\\\n"), limits.faces, "lines that go on")
+    if _CONTINUATION.search(text):
+        within(sum(1 for _ in _CONTINUATION.finditer(text)), limits.faces, "lines that go on")
         # A comment ends with its line all the same: many end in a folder's name.
-        text = _COMMENT_THAT_GOES_ON.sub(b"", text).replace(b"\\\n", b" ")
+        text = _CONTINUATION.sub(b" ", _COMMENT_THAT_GOES_ON.sub(b"", text))
     within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
     positions = coordinates(_lines(_VERTEX, text, limits.vertices, "vertices"))
-    return positions, _faces(text, len(positions), limits)
+    return Content(positions, _faces(text, positions, limits))
 
 
 def write(mesh: Mesh) -> bytes:
@@ -60,7 +64,7 @@ def _lines(pattern: re.Pattern[bytes], text: bytes, limit: int, things: str) -> 
     return lines
 
 
-def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
+def _faces(text: bytes, positions: Floats, limits: Limits) -> Ints:
     """Return triangles of indices counted from 0, shape (f, 3)."""
     lines = _lines(_FACE, text, limits.faces, "faces")
     blocks = (lines[start : start + _BLOCK] for start in range(0, len(lines), _BLOCK))
@@ -76,4 +80,4 @@ def _faces(text: bytes, vertices: int, limits: Limits) -> Ints:
         if (corners < -above).any():
             raise MalformedMeshError("a face counts back past the first vertex")
         corners = np.where(corners < 0, corners + above + 1, corners)
-    return triangles(corners - 1, sizes, vertices, limits)
+    return triangles(corners - 1, sizes, positions, limits)

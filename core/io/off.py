@@ -2,35 +2,74 @@
 
 import re
 
+import numpy as np
+
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError
-from core.io.checks import Limits, declared, triangles
-from core.io.text import coordinates, counted_polygons, face_lines, plain_text, rows, take, vertex_lines
+from core.io.checks import Content, Limits, declared
+from core.io.polygons import triangles
+from core.io.text import (
+    coordinates,
+    counted_polygons,
+    face_lines,
+    integers,
+    plain_text,
+    rows,
+    take,
+    vertex_lines,
+)
 from core.mesh.mesh import Mesh
 
 # ST, C and N announce texture coordinates, colours and normals after the position. 4OFF and nOFF have another
 # number of coordinates, and OFF BINARY is another format.
 _HEADER = re.compile(rb"[ \t]*(?:(?:ST)?C?N?OFF|off)(?![ \t]+BINARY)", re.ASCII)
+# Some files leave the word out.
+_COUNTS = re.compile(rb"(?=[ \t]*\d+[ \t]+\d+[ \t]+\d+[ \t\n]*\Z)")
 
 
-def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of an OFF, shape (n, 3), and its faces as triangles, shape (f, 3)."""
+def read(data: bytes, limits: Limits) -> Content:
+    """Return the vertices of an OFF, and its faces as triangles."""
     lines = rows(plain_text(data), comment=b"#")
     first = next(lines, b"")
-    header = _HEADER.match(first)
+    header = _HEADER.match(first) or _COUNTS.match(first)
     if header is None:
-        raise MalformedMeshError("the file does not begin with OFF")
+        raise MalformedMeshError("the file does not begin with OFF, or is an OFF of another kind")
     counts = first[header.end() :].split() or next(lines, b"").split()
+    counts, rest = counts[:3], counts[3:]
     if len(counts) < 2 or not all(count.isdigit() for count in counts):
         raise MalformedMeshError("the numbers of vertices and faces do not follow the word OFF")
     vertices, polygons = int(counts[0]), int(counts[1])
     declared(vertices, len(data), limits.vertices, "vertices")
     declared(polygons, len(data), limits.faces, "faces")
-    positions = coordinates(take(lines, vertices, "vertices"))
-    corners, sizes = counted_polygons(take(lines, polygons, "faces"))
-    if next(lines, None) is not None:
-        raise MalformedMeshError("the OFF goes on after the last face that it declares")
-    return positions, triangles(corners, sizes, vertices, limits)
+    body = [*([b" ".join(rest)] if rest else []), *lines]
+    warnings: tuple[str, ...] = ()
+    try:
+        lines = iter(body)
+        positions = coordinates(take(lines, vertices, "vertices"))
+        corners, sizes = counted_polygons(take(lines, polygons, "faces"))
+        if next(lines, None) is not None:
+            warnings = ("the OFF goes on after the last face that it declares; the rest is left out",)
+    except MalformedMeshError:
+        content = _wrapped(b" ".join(body).split(), vertices, polygons)
+        if content is None:
+            raise
+        positions, corners, sizes = content
+    return Content(positions, triangles(corners, sizes, positions, limits), warnings)
+
+
+def _wrapped(tokens: list[bytes], vertices: int, polygons: int) -> tuple[Floats, Ints, Ints] | None:
+    """Return the content of an OFF whose rows are not lines; None if its numbers end elsewhere."""
+    start = 3 * vertices
+    positions = coordinates([b" ".join(tokens[i : i + 3]) for i in range(0, start, 3)])
+    corners: list[bytes] = []
+    sizes: list[int] = []
+    while len(sizes) < polygons and start < len(tokens) and tokens[start].isdigit():
+        sizes.append(int(tokens[start]))
+        corners += tokens[start + 1 : start + 1 + sizes[-1]]
+        start += 1 + sizes[-1]
+    if len(sizes) < polygons or start != len(tokens):
+        return None
+    return positions, integers(corners), np.array(sizes, dtype=np.int64)
 
 
 def write(mesh: Mesh) -> bytes:

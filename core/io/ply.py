@@ -11,8 +11,9 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, declared, triangles
-from core.io.text import coordinates, counted_polygons, plain_text, rows, take
+from core.io.checks import Content, Limits, declared
+from core.io.polygons import triangles
+from core.io.text import coordinates, counted_polygons, plain_text, rows, take, without_mark
 from core.io.trimesh_export import export
 from core.mesh.mesh import Mesh
 
@@ -23,7 +24,11 @@ _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"int64": "i8", "uint64": "u8", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8"},
+    **{"float16": "f2", "half": "f2"},
 }
+# Triangle strips, as Stanford's scans have them, and comments among the rows of text.
+_STRIPS = "tristrips"
+_COMMENTS = re.compile(rb"\n[ \t]*comment[^\n]*")
 _LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q"}
 
 
@@ -64,30 +69,36 @@ class Header:
     elements: tuple[Element, ...]
     end: int
 
-    def element(self, name: str) -> Element | None:
-        """Return the element of that name."""
-        return next((element for element in self.elements if element.name == name), None)
+    def element(self, *names: str) -> Element | None:
+        """Return the first element that has one of the names, with rows if there is such."""
+        named = [element for element in self.elements if element.name in names]
+        return next((element for element in named if element.count), named[0] if named else None)
 
 
-def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of a PLY, shape (n, 3), and its faces as triangles, shape (f, 3)."""
+def read(data: bytes, limits: Limits) -> Content:
+    """Return the vertices of a PLY, and its faces or strips of triangles as triangles."""
+    data = without_mark(data)
     header = _read_header(data)
-    vertex, face = header.element("vertex"), header.element("face")
+    vertex, face = header.element("vertex"), header.element("face", "polygon", _STRIPS)
     if vertex is None or not {"x", "y", "z"} <= {p.name for p in vertex.properties}:
         raise MalformedMeshError("the PLY declares no vertices with x, y and z")
     if any(p.length for p in vertex.properties):
         raise MalformedMeshError("the PLY has lists in its vertices, which are not read")
     if face is None or face.count == 0:
         raise NoTrianglesError("the PLY has no faces")
-    index = face.property("vertex_indices", "vertex_index")
+    index = face.property("vertex_indices", "vertex_index", "vertex_indexes")
     if index is None or not index.length or index.value.startswith("f"):
         raise MalformedMeshError("the faces of the PLY have no list of whole numbers called vertex_indices")
     declared(vertex.count, len(data), limits.vertices, "vertices")
     with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
     declared(sum(with_lists), len(data), limits.faces, "faces and other rows with lists")
     rows_of = _read_binary if header.byte_order else _read_text
-    positions, corners, sizes = rows_of(data, header, vertex, face, index)
-    return positions, triangles(corners, sizes, vertex.count, limits)
+    positions, corners, sizes, rest = rows_of(data, header, vertex, face, index)
+    if face.name == _STRIPS:
+        corners = _of_strips(corners, sizes)
+        sizes = np.full(len(corners) // 3, 3)
+    warnings = ("the PLY goes on after the last row that it declares; the rest is left out",) if rest else ()
+    return Content(positions, triangles(corners, sizes, positions, limits), warnings)
 
 
 def write(mesh: Mesh) -> bytes:
@@ -101,7 +112,9 @@ def _read_header(data: bytes) -> Header:
     if start is None:
         raise MalformedMeshError("the file does not begin with a line that says ply")
     newline = start.group(1)
-    end = re.compile(newline + rb"end_header[ \t]*" + newline).search(data, 0, _LONGEST_HEADER)
+    # Some writers end only this line with two characters.
+    last = newline if newline == b"\r" else b"\r?\n"
+    end = re.compile(newline + rb"end_header[ \t]*" + last).search(data, 0, _LONGEST_HEADER)
     if end is None:
         raise MalformedMeshError("the header of the PLY has no end")
     lines = [
@@ -117,10 +130,11 @@ def _read_header(data: bytes) -> Header:
                 elements.append((name, int(count), []))
             case ["property", *rest] if elements:
                 elements[-1][2].append(_property(rest))
-            case [] | ["comment" | "obj_info", *_]:
-                pass
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise MalformedMeshError("a line in the header of the PLY makes no sense")
+            case _:
+                # A comment, with or without the word.
+                pass
     if byte_order is None:
         raise MalformedMeshError("the header of the PLY does not say whether it is text or binary")
     for names in [
@@ -140,17 +154,36 @@ def _property(words: list[str]) -> Property:
         case ["list", length, value, name] if (
             length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"
         ):
-            return Property(name, _TYPES[value], _TYPES[length])
+            return Property(name.lower(), _TYPES[value], _TYPES[length])
         case [value, name] if value in _TYPES:
-            return Property(name, _TYPES[value], "")
+            return Property(name.lower(), _TYPES[value], "")
     raise MalformedMeshError("a property in the header of the PLY has a type that is not known")
+
+
+def _of_strips(corners: Ints, sizes: Ints) -> Ints:
+    """Return the corners of the triangles, shape (3 f,), of strips that end with their list or with -1."""
+    ends = np.zeros(len(corners) + 1, dtype=bool)
+    ends[np.cumsum(sizes)] = True
+    breaks = (corners < 0) | ends[1:]
+    # The position of each corner in its strip.
+    after = np.concatenate([[0], np.flatnonzero(breaks) + 1])
+    places = (
+        np.arange(len(corners)) - after[np.searchsorted(after, np.arange(len(corners)), side="right") - 1]
+    )
+    inside = np.flatnonzero((places >= 2) & (corners >= 0))
+    strips = np.stack([corners[inside - 2], corners[inside - 1], corners[inside]], axis=1)
+    # Every second triangle of a strip has the opposite orientation.
+    odd = places[inside] % 2 == 1
+    strips[odd] = strips[odd][:, [1, 0, 2]]
+    return strips.ravel()
 
 
 def _read_text(
     data: bytes, header: Header, vertex: Element, face: Element, index: Property
-) -> tuple[Floats, Ints, Ints]:
-    """Return the positions of the vertices, and the corners and sizes of the polygons."""
-    lines = rows(plain_text(data[header.end :]))
+) -> tuple[Floats, Ints, Ints, bool]:
+    """Return positions, the corners and the sizes of polygons, and whether the file goes on after them."""
+    text = plain_text(data[header.end :])
+    lines = rows(_COMMENTS.sub(b"\n", b"\n" + text) if b"comment" in text else text)
     positions: list[bytes] = []
     polygons: list[bytes] = []
     for element in header.elements:
@@ -160,8 +193,7 @@ def _read_text(
             polygons = take(lines, face.count, "faces")
         else:
             deque(islice(lines, element.count), maxlen=0)
-    if next(lines, None) is not None:
-        raise MalformedMeshError("the PLY goes on after the last row that it declares")
+    rest = next(lines, None) is not None
     if any(len(line.split()) != len(vertex.properties) for line in positions):
         raise MalformedMeshError("a vertex of the PLY has more or fewer numbers than are declared")
     before = [bool(p.length) for p in face.properties[: face.properties.index(index)]]
@@ -169,7 +201,7 @@ def _read_text(
     columns = {p.name: (column, p.value) for p, column in zip(vertex.properties, table.T, strict=True)}
     # With the precision of their type, as in a binary file.
     converted = np.column_stack([_converted(*columns[axis]) for axis in "xyz"])
-    return converted, *counted_polygons(polygons, before)
+    return converted, *counted_polygons(polygons, before), rest
 
 
 def _converted(column: Floats, type: str) -> Floats:
@@ -183,8 +215,8 @@ def _converted(column: Floats, type: str) -> Floats:
 
 def _read_binary(
     data: bytes, header: Header, vertex: Element, face: Element, index: Property
-) -> tuple[Floats, Ints, Ints]:
-    """Return the positions of the vertices, and the corners and sizes of the polygons."""
+) -> tuple[Floats, Ints, Ints, bool]:
+    """Return positions, the corners and the sizes of polygons, and whether the file goes on after them."""
     positions = np.empty((0, 3))
     corners = sizes = np.zeros(0, dtype=np.int64)
     end = header.end
@@ -202,9 +234,7 @@ def _read_binary(
         elif element is face:
             rectangle = table[index.name].astype(np.int64)
             corners, sizes = rectangle.ravel(), np.full(len(table), rectangle.shape[1], dtype=np.int64)
-    if data[end:].strip():
-        raise MalformedMeshError("the PLY goes on after the last row that it declares")
-    return positions, corners, sizes
+    return positions, corners, sizes, bool(data[end:].strip(b" \t\r\n\0"))
 
 
 def _equal_rows(

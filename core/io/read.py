@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
+from core.arrays import Floats, Ints
 from core.errors import (
     CoreError,
     DegenerateMeshError,
@@ -16,25 +18,32 @@ from core.errors import (
 from core.io.checks import DEFAULT_LIMITS, Limits
 from core.io.formats import Format, read_format, written_format
 from core.io.parts import Part
+from core.io.recognition import recognised, recognised_text
 from core.mesh.mesh import Mesh, face_normals
 
-_ARCHIVES = {
-    b"\x1f\x8b": "gzip",
-    b"PK\x03\x04": "ZIP",
-    b"BZh": "bzip2",
-    b"\xfd7zXZ": "xz",
-    b"7z\xbc\xaf": "7z",
-}
 # Faces whose area is computed at a time: the first block of a sound mesh answers.
 _BLOCK = 4096
 
 
+@dataclass(frozen=True)
+class MeshFile:
+    """A mesh, and warnings of what its reader left out or guessed, each a sentence."""
+
+    mesh: Mesh
+    warnings: tuple[str, ...] = ()
+
+
 def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> Mesh:
+    """Return the mesh of `read_file`."""
+    return read_file(data, format, limits=limits).mesh
+
+
+def read_file(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> MeshFile:
     """Read a mesh from the bytes of a file.
 
     Polygons are triangulated. All objects, groups, solids and instances are joined, with the transforms of
-    the file. Vertices are neither merged nor moved. 3MF and STEP files state their unit and are read in
-    millimetres.
+    the file. Vertices of faces are neither merged nor moved; a vertex of no face may be anywhere, and is put
+    on the first face. Files of a format that states a unit are read in millimetres.
 
     Parameters
     ----------
@@ -66,13 +75,13 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
     """
     reader = read_format(format)
     with _reading(data, reader):
-        vertices, faces = reader.read(data, limits)
+        vertices, faces, warnings = reader.read(data, limits)
         if len(faces) == 0:
             raise NoTrianglesError(f"the {reader.title} has no faces")
-        mesh = Mesh(vertices, faces)
+        mesh = Mesh(_with_faces(vertices, faces), faces)
     if is_degenerate(mesh):
         raise DegenerateMeshError("every face has zero area")
-    return mesh
+    return MeshFile(mesh, warnings)
 
 
 def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> list[Part]:
@@ -123,22 +132,30 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
 
 @contextmanager
 def _reading(data: bytes, format: Format) -> Iterator[None]:
-    """Refuse an empty or compressed file, and one that begins as no file of the format does.
+    """Refuse an empty file, and one that begins as no file of the format does.
 
-    Within the context, a lack of memory becomes MeshTooComplexError, and any error that is not of the core
-    MalformedMeshError.
+    Within the context, a lack of memory becomes MeshTooComplexError, any error that is not of the core
+    MalformedMeshError, and a file that looks like text of another format is named so.
     """
     if not data:
         raise EmptyFileError("the file is empty")
-    for start, archive in _ARCHIVES.items():
-        if data.startswith(start) and start != format.magic:
-            raise MalformedMeshError(f"the file is compressed ({archive}); send the {format.title} itself")
-    if not data.lstrip().startswith(format.magic):
-        raise MalformedMeshError(f"the file does not begin as a {format.title} does")
+    if not data.strip() or not data.strip(b"\0"):
+        raise EmptyFileError("the file has nothing but blanks or zeros")
+    kind = recognised(data)
+    # A glTF may come in a ZIP, which is no kind of its own.
+    if isinstance(kind, str) and not (kind.startswith("a ZIP") and format.name in ("3mf", "glb")):
+        raise MalformedMeshError(f"the file is {kind}; send the {format.title} itself")
+    if isinstance(kind, Format) and kind is not format:
+        raise _misnamed(kind, format)
     try:
         # A number that overflows becomes infinite, and is refused as that.
         with np.errstate(all="ignore"):
             yield
+    except (MalformedMeshError, NoTrianglesError):
+        kind = recognised_text(data)
+        if kind is not None and kind is not format:
+            raise _misnamed(kind, format) from None
+        raise
     except CoreError:
         raise
     except MemoryError:
@@ -147,6 +164,21 @@ def _reading(data: bytes, format: Format) -> Iterator[None]:
         raise MalformedMeshError(
             f"the {format.title} cannot be read: a value in it is missing, or is not a number"
         ) from error
+
+
+def _misnamed(kind: Format, format: Format) -> MalformedMeshError:
+    """Return the error of a file whose content has another format than its name says."""
+    return MalformedMeshError(
+        f"the file is of the format {kind.title}, and its name says {format.title}: "
+        f"give it the ending .{kind.endings[0]}"
+    )
+
+
+def _with_faces(vertices: Floats, faces: Ints) -> Floats:
+    """Return the vertices, shape (n, 3), with those of no face moved to the first one of the first face."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices if used.all() else np.where(used[:, None], vertices, vertices[faces[0, 0]])
 
 
 def is_degenerate(mesh: Mesh) -> bool:

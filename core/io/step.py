@@ -2,24 +2,25 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
-from typing import TypeVar
+from typing import Literal, TypeVar
+
+import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import ExternalReferenceError, MalformedMeshError, MeshTooComplexError, NoTrianglesError
 from core.io import glb
-from core.io.checks import Limits
+from core.io.checks import Content, Limits
 from core.io.parts import Part
-from core.mesh.mesh import Mesh
 
-# Millimetres in a metre; cascadio writes metres for any unit of the file.
-_MILLIMETRES = 1_000.0
 # The farthest that a triangle may lie from the surface, over the length of the edge beside it, and the widest
 # angle between normals of neighbours, in radians: a sphere of any size has about a thousand triangles.
 _LINEAR, _ANGULAR = 0.01, 0.5
-# The entities that name other files, which OpenCASCADE would open, in full and as its short names.
-_ELSEWHERE = re.compile(rb"\b(?:DOCUMENT_FILE|DCMFL)\b", re.IGNORECASE)
+# The entities that name other files, which OpenCASCADE would open, in full and as its short names, and names
+# as long of entities that are none.
+_ELSEWHERE = re.compile(rb"\b(DOCUMENT_FILE|DCMFL)\b", re.IGNORECASE)
+_NOWHERE = {len(name): b"X" * len(name) for name in (b"DOCUMENT_FILE", b"DCMFL")}
+_SOLID = re.compile(rb"\bMANIFOLD_SOLID_BREP\b", re.IGNORECASE)
 _INSTANCES_PER_PART = 16
 # An instance: its id, name and description, of at most 1,024 characters each; the product that contains it,
 # and the product that it is an instance of. The quantifiers do not backtrack, so the time is linear.
@@ -32,53 +33,67 @@ _INSTANCE = re.compile(
 _Content = TypeVar("_Content")
 
 
-def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices of a STEP in millimetres, shape (n, 3), and its faces, shape (f, 3)."""
-    vertices, faces = _from_glb(glb.read, data, limits)
-    return vertices * _MILLIMETRES, faces
+def read(data: bytes, limits: Limits) -> Content:
+    """Return the vertices of a STEP in millimetres, and its faces."""
+    if not data.lstrip().startswith(b"ISO-10303-21;"):
+        raise MalformedMeshError("the file does not begin as a STEP does")
+    content = from_glb(glb.read, data, limits, "step")
+    warnings = []
+    if _ELSEWHERE.search(data):
+        warnings.append("the STEP names other files, which are left out")
+    if _SOLID.search(data) and _is_open(content.vertices, content.faces):
+        warnings.append("a solid of the STEP is open: some of its faces could not be made into triangles")
+    return content._replace(warnings=tuple(warnings))
+
+
+def _is_open(vertices: Floats, faces: Ints) -> bool:
+    """Return whether an edge has one face only, once vertices at one position are one."""
+    corners = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    counts = np.unique(edges[edges[:, 0] < edges[:, 1]], axis=0, return_counts=True)[1]
+    return bool((counts == 1).any())
 
 
 def read_parts(data: bytes, limits: Limits) -> list[Part]:
     """Return the distinct products with triangles, each in its own frame, in millimetres."""
-    parts = _from_glb(glb.read_parts, data, limits)
-    return [replace(part, mesh=Mesh(part.mesh.vertices * _MILLIMETRES, part.mesh.faces)) for part in parts]
+    return from_glb(glb.read_parts, data, limits, "step")
 
 
-def _from_glb(read_glb: Callable[[bytes, Limits], _Content], data: bytes, limits: Limits) -> _Content:
-    """Return the content of the GLB of a STEP."""
-    try:
-        return read_glb(_to_glb(data, limits), limits)
-    except NoTrianglesError:
-        raise NoTrianglesError("nothing in the STEP can be made into triangles") from None
-
-
-def _to_glb(data: bytes, limits: Limits) -> bytes:
-    """Return a STEP file as a GLB, in metres.
+def from_glb(
+    read_glb: Callable[[bytes, Limits], _Content], data: bytes, limits: Limits, type: Literal["step", "iges"]
+) -> _Content:
+    """Return the content of a "step" or "iges" by way of a GLB, whose unit is the metre for any of the file.
 
     A node of the GLB is an instance of a product and has the name of the instance, or of the product for a
-    root; a mesh has the name of its product. Beyond the number of instances, only the limits of the process
-    bound the time and memory of OpenCASCADE on a hostile file.
+    root; a mesh has the name of its product. No file that a STEP names is opened. Beyond the number of
+    instances, only the limits of the process bound the time and memory of OpenCASCADE on a hostile file.
 
-    Raise MalformedMeshError if nothing can be triangulated, ExternalReferenceError if the file refers to
-    another file, and the errors of `check_products`.
+    Raise MalformedMeshError if nothing can be triangulated, ExternalReferenceError if that is so because all
+    is in other files, and the errors of `check_products`.
     """
-    if _ELSEWHERE.search(data):
-        raise ExternalReferenceError("the STEP refers to another file; export it as one file")
-    check_products(data, limits)
+    sealed = _ELSEWHERE.sub(lambda name: _NOWHERE[len(name[0])], data)
+    check_products(sealed, limits)
     # Not every installation has it, and it takes 80 MB.
     import cascadio  # noqa: PLC0415
 
     converted: bytes = cascadio.load(
-        data,
-        file_type="step",
+        sealed,
+        file_type=type,
         tol_linear=_LINEAR,
         tol_angular=_ANGULAR,
         tol_relative=True,
         use_parallel=False,
     )
-    if not converted:
-        raise MalformedMeshError("the STEP cannot be read, or is cut short")
-    return converted
+    try:
+        if converted:
+            return read_glb(converted, limits)
+    except NoTrianglesError:
+        pass
+    if sealed != data:
+        raise ExternalReferenceError("the STEP refers to another file; export it as one file")
+    if converted:
+        raise NoTrianglesError(f"nothing in the {type.upper()} can be made into triangles")
+    raise MalformedMeshError(f"the {type.upper()} cannot be read, or is cut short")
 
 
 def check_products(data: bytes, limits: Limits) -> None:

@@ -1,6 +1,7 @@
 """Text formats: normalised text, and its lines of coordinates and of indices."""
 
 import io
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
@@ -8,9 +9,16 @@ from itertools import islice
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.errors import MalformedMeshError, NonFiniteCoordinatesError
+from core.errors import MalformedMeshError
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+# Zeros and Control-Z, the end of a file for CP/M, which some writers add.
+_PADDING = b"\0\x1a"
+_MINUS_SIGN = "\N{MINUS SIGN}".encode()
+# What Microsoft's C library prints for NaN and infinity, and the exponents of Fortran.
+_NOT_FINITE = re.compile(rb"nan\([^)\s]*\)|1\.#(?:ind|[qs]nan|inf)\w*")
+_EXPONENT = re.compile(rb"(?<=[0-9.])d(?=[-+]?[0-9])")
 # One meaning for every byte: white space is a space, a tab or a newline, and what is not ASCII, which only
 # names and comments may hold, is a question mark. Other readers break lines at other bytes.
 _CLEAN = bytes(
@@ -20,11 +28,20 @@ _CLEAN = bytes(
 _BLOCK = 65_536
 
 
+def without_mark(data: bytes) -> bytes:
+    """Return a file without its byte order mark, and in UTF-8 if the mark is that of UTF-16."""
+    if data.startswith(_UTF_16):
+        with suppress(UnicodeDecodeError):
+            return data.decode("utf-16").encode()
+    return data.removeprefix(_BYTE_ORDER_MARK)
+
+
 def plain_text(data: bytes) -> bytes:
     r"""Return the text in ASCII with every line ended by \n; raise MalformedMeshError if it is not text."""
-    if b"\0" in data:
+    text = without_mark(data).rstrip(_PADDING)
+    if b"\0" in text:
         raise MalformedMeshError("the file has zero bytes where text is expected")
-    text = data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n").translate(_CLEAN)
+    text = text.replace(_MINUS_SIGN, b"-").replace(b"\r\n", b"\n").replace(b"\r", b"\n").translate(_CLEAN)
     return text if text.endswith(b"\n") else text + b"\n"
 
 
@@ -47,20 +64,35 @@ def take(lines: Iterator[bytes], count: int, things: str) -> list[bytes]:
 def coordinates(lines: list[bytes], columns: Sequence[int] = (0, 1, 2)) -> Floats:
     """Read coordinates, shape (n, number of columns), from lines of numbers.
 
-    Raise MalformedMeshError if a line has fewer columns or a value is not a number, and
-    NonFiniteCoordinatesError for NaN with a payload, such as the `-nan(ind)` of Microsoft's C library.
+    Numbers may be written as Fortran, Microsoft's C library or a language with decimal commas writes them.
+    Raise MalformedMeshError if a line has fewer columns or a value is not a number.
     """
     if not lines:
         return np.empty((0, len(columns)))
+    table = _columns(lines, columns)
+    if table is None:
+        table = _columns(_other_notation(lines), columns)
+    if table is None:
+        raise MalformedMeshError("a vertex has fewer than three coordinates, or one that is not a number")
+    return table
+
+
+def _columns(lines: list[bytes], columns: Sequence[int]) -> Floats | None:
+    """Return columns of lines of numbers in the notation of C; None if there is a line without."""
     # NumPy leaves out blank lines, and a warning shows them if all lines are blank.
     if lines[0].strip():
         with suppress(ValueError):
             table = np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
             if len(table) == len(lines):
                 return table
-    if any(b"nan(" in line.lower() for line in lines):
-        raise NonFiniteCoordinatesError("a vertex coordinate is NaN or infinite")
-    raise MalformedMeshError("a vertex has fewer than three coordinates, or one that is not a number")
+    return None
+
+
+def _other_notation(lines: list[bytes]) -> list[bytes]:
+    """Return lines of numbers in the notation of C; commas are decimal where there are no points."""
+    text = _EXPONENT.sub(b"e", _NOT_FINITE.sub(b"nan", b"\n".join(line.strip() for line in lines).lower()))
+    text = text.replace(b", ", b" ").replace(b",\t", b" ").replace(b",\n", b"\n")
+    return (text if b"." in text else text.replace(b",", b".")).split(b"\n")
 
 
 def integers(tokens: Sequence[bytes]) -> Ints:

@@ -8,11 +8,11 @@ import numpy as np
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
-from core.io.checks import Limits, joined, within
+from core.io.checks import Content, Limits, joined, within
+from core.io.package import Package, pack
 from core.io.parts import PATH_NAMES, Part, distinct, mesh_digest
 from core.io.text import face_lines, vertex_lines
-from core.io.threemf_model import Key, Model, Placed, Solid, canonical
-from core.io.threemf_package import Package, pack
+from core.io.threemf_model import Key, Model, Placed, Solid
 from core.mesh.mesh import Mesh
 
 # Parts of a package that are models; slicers write one for each object.
@@ -24,16 +24,18 @@ _ROUNDING = 1e-5
 _DIGITS, _KEY_DIGITS = 6, 4
 
 
-def read(data: bytes, limits: Limits) -> tuple[Floats, Ints]:
-    """Return the vertices, shape (n, 3), and faces, shape (f, 3), of all build items, in millimetres.
+def read(data: bytes, limits: Limits) -> Content:
+    """Return the vertices and faces of all build items, in millimetres.
 
     Objects of the types for support and helpers are left out, as are materials, slices and pictures. The
     faces of a mirrored object are reversed, so they stay oriented outwards.
     """
     solids, placed, unit = _read_placed(data, limits)
-    return joined(
-        _transformed(solids[instance.key], instance.matrix[:3, :3], instance.matrix[3, :3], unit)
-        for instance in placed
+    return Content(
+        *joined(
+            _transformed(solids[instance.key], instance.matrix[:3, :3], instance.matrix[3, :3], unit)
+            for instance in placed
+        )
     )
 
 
@@ -87,7 +89,7 @@ def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Pl
 
 def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
     """Return the objects of all referenced models, and the build items and the unit of the first model."""
-    first = canonical(package.model())
+    first = package.model()
     root = Model(package, first, limits)
     solids = dict(root.solids)
     seen = {first}

@@ -7,18 +7,30 @@ import numpy as np
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NonFiniteCoordinatesError
 from core.io.checks import Limits, check_indices, shown, within
+from core.io.package import Package, canonical
 from core.io.parts import clean_name
-from core.io.threemf_package import Package
 
 _CORE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+# The namespace of the first drafts, which has the same elements.
+_DRAFT = "http://schemas.microsoft.com/3dmanufacturing/2013/01"
 _PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
 # Extensions that do not change positions or triangles.
 _HARMLESS = {
     _CORE,
+    _DRAFT,
     _PRODUCTION,
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
     "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07",
     "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
+}
+# The other extensions, by the part of their namespace that names them.
+_EXTENSIONS = {
+    "beamlattice": "beam lattice",
+    "securecontent": "secure content, which encrypts it",
+    "booleanoperations": "boolean operations",
+    "displacement": "displacement",
+    "implicit": "implicit functions",
+    "volumetric": "volumetric",
 }
 _NAMES = "model object vertices vertex triangles triangle components component build item"
 _MODEL, _OBJECT, _VERTICES, _VERTEX, _TRIANGLES, _TRIANGLE, _COMPONENTS, _COMPONENT, _BUILD, _ITEM = (
@@ -83,12 +95,15 @@ class Model:
         self._vertices: list[Floats] = []
         self._faces: list[Ints] = []
         self._count = [0, 0]
+        self._components = 0
         package.parse(part, self._start, self._end, self._declare)
 
     def _declare(self, prefix: str | None, address: str) -> None:
         self._namespaces.setdefault(prefix, address)
 
     def _start(self, name: str, given: dict[str, str]) -> None:
+        if name.startswith(_DRAFT):
+            name = _CORE + name.removeprefix(_DRAFT)
         path = self._path
         above = path[-1] if path else ""
         path.append(name)
@@ -115,6 +130,8 @@ class Model:
             self.solids[key] = self._solid
             within(len(self.solids), 16 * self._limits.parts, "objects")
         elif name == _COMPONENT and above == _COMPONENTS:
+            self._components += 1
+            within(self._components, 16 * self._limits.parts, "components")
             self._solid.components.append(self._placed(given))
         elif name == _ITEM and above == _BUILD:
             self.items.append(self._placed(given))
@@ -124,9 +141,8 @@ class Model:
         elif not above:
             raise MalformedMeshError("the part of the 3MF that should be its model is something else")
 
-    def _end(self, name: str) -> None:
-        self._path.pop()
-        if name != _OBJECT:
+    def _end(self, _: str) -> None:
+        if self._path.pop() != _OBJECT:
             return
         self._take_vertices()
         self._take_faces()
@@ -168,12 +184,9 @@ class Model:
         self.unit = _MILLIMETRES[unit]
         for prefix in given.get("requiredextensions", "").split():
             if self._namespaces.get(prefix) not in _HARMLESS:
-                raise MalformedMeshError(f"the 3MF needs the extension {shown(prefix)}, which is not read")
-
-
-def canonical(part: str) -> str:
-    """Return the canonical name of a part."""
-    return part.lower().removeprefix("/")
+                address = self._namespaces.get(prefix, "")
+                name = next((_EXTENSIONS[part] for part in _EXTENSIONS if part in address), shown(prefix))
+                raise MalformedMeshError(f"the 3MF needs the extension for {name}, which is not read")
 
 
 def numbers(texts: list[str]) -> Floats:

@@ -165,12 +165,13 @@ def print_answer(console: Console, answer: QueryAnswer) -> None:
 
 
 def _sizes(answer: QueryAnswer) -> Table:
-    """Return the sizes of the results, in the units of their files."""
-    sizes = table(">rank", "length × width × height", ">area", ">volume", ">size over query")
+    """Return the sizes of the results."""
+    sizes = table(">rank", "unit", "length × width × height", ">area", ">volume", ">size over query")
     for result in answer.results:
         facts, ratio = result.shape.facts, result.size_ratio
         sizes.add_row(
             str(result.rank),
+            result.shape.unit or "not stated",
             box_in_words(facts),
             number_in_words(facts.area),
             volume_in_words(facts),

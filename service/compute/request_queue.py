@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple, Union
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, MeshTooComplexError
-from core.io import Limits
+from core.io import Limits, MeshFile
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
@@ -200,10 +200,12 @@ class RequestQueue:
     async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
         with _at_fault():
-            mesh, milliseconds = await self._reading(data, format)
-            task = self.executor.submit(embed_mesh, mesh, pipeline.parameters, milliseconds)
+            file, milliseconds = await self._reading(data, format)
+            task = self.executor.submit(
+                embed_mesh, file.mesh, pipeline.parameters, milliseconds, file.warnings
+            )
             # The mesh goes once a worker has it.
-            del mesh
+            del file
             return await asyncio.wrap_future(task)
 
     async def compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
@@ -214,7 +216,7 @@ class RequestQueue:
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
         with _at_fault():
-            return (await self._reading(data, format))[0]
+            return (await self._reading(data, format))[0].mesh
 
     async def parts(self, data: bytes, format: str) -> list[PartFile]:
         """Read the distinct parts of an assembly; none if the file has one part only."""
@@ -227,7 +229,7 @@ class RequestQueue:
         with _at_fault():
             return await asyncio.wrap_future(self.executor.submit(function, *arguments))
 
-    async def _reading(self, data: bytes, format: str) -> tuple[Mesh, float]:
+    async def _reading(self, data: bytes, format: str) -> tuple[MeshFile, float]:
         return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))
 
     async def _from_reader(

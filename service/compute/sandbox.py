@@ -28,11 +28,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+import core.io
 from core.errors import CoreError, MalformedMeshError, MeshError
-from core.io import PATH_NAMES, Limits, clean_name, read_mesh, read_parts, writable, write_mesh
+from core.io import (
+    PATH_NAMES,
+    Limits,
+    MeshFile,
+    by_ending,
+    clean_name,
+    read_mesh,
+    read_parts,
+    writable,
+    write_mesh,
+)
 from core.mesh.mesh import Mesh
 from service.compute.worker_loop import end_with_parent
 
@@ -98,8 +110,8 @@ def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes
     _limit_time(seconds)
     start = time.perf_counter()
     with _converting(format):
-        mesh = read_mesh(data, format, limits=limits)
-    return mesh_to_bytes(mesh, 1e3 * (time.perf_counter() - start))
+        file = core.io.read_file(data, format, limits=limits)
+    return mesh_to_bytes(file, 1e3 * (time.perf_counter() - start))
 
 
 def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
@@ -125,9 +137,12 @@ def enter(memory: int) -> None:
         read_mesh(write_mesh(triangle, format), format)
     # ZIP files name their members in this encoding.
     codecs.lookup("cp437")
-    # Without cascadio, STEP is refused.
-    with suppress(MeshError), _converting("step"):
-        read_parts(b"ISO-10303-21;", "step")
+    # A polygon that is not convex.
+    read_mesh(b"OFF\n5 1 0\n0 0 0\n2 0 0\n2 2 0\n1 1 0\n0 2 0\n5 0 1 2 3 4\n", "off")
+    # Without cascadio, STEP and IGES are refused.
+    for ending, beginning in (("step", b"ISO-10303-21;"), ("iges", b"IGES")):
+        with suppress(MeshError), _converting(ending):
+            read_mesh(beginning, ending)
     if sys.platform == "linux":
         # Other systems do not enforce the limit, or count differently.
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
@@ -172,7 +187,8 @@ def confinement() -> dict[str, bool]:
 @contextmanager
 def _converting(format: str) -> Iterator[None]:
     """Let cascadio write files, and discard its messages, which repeat text of the untrusted file."""
-    if format != "step":
+    known = by_ending(format)
+    if known is None or not known.package:
         yield
         return
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -240,6 +256,8 @@ def allow_calls(*, opening: bool) -> bool:
 
 
 _ABOUT = "about"
+# The most characters of the warnings of one file.
+_WARNING_CHARACTERS = 1_000
 
 
 def largest_size(limits: Limits) -> int:
@@ -250,18 +268,19 @@ def largest_size(limits: Limits) -> int:
     return 24 * (max(limits.vertices, 3 * limits.faces) + limits.faces) + 64 * 1024
 
 
-def mesh_to_bytes(mesh: Mesh, milliseconds: float) -> bytes:
-    """Return the bytes that `mesh_from_bytes` reads: a mesh, and the wall time of reading it."""
-    arrays = {
-        "vertices": np.ascontiguousarray(mesh.vertices, dtype=np.float64),
-        "faces": np.ascontiguousarray(mesh.faces, dtype=np.int64),
+def mesh_to_bytes(file: MeshFile, milliseconds: float) -> bytes:
+    """Return the bytes that `mesh_from_bytes` reads: a mesh, warnings, and the wall time of reading it."""
+    arrays: dict[str, NDArray[Any]] = {
+        "vertices": np.ascontiguousarray(file.mesh.vertices, dtype=np.float64),
+        "faces": np.ascontiguousarray(file.mesh.faces, dtype=np.int64),
+        "warnings": np.frombuffer(("\n".join(file.warnings) + "\n").encode(), dtype=np.uint8),
         "milliseconds": np.array([milliseconds]),
     }
     return bytes(save(arrays))
 
 
-def mesh_from_bytes(data: bytes) -> tuple[Mesh, float]:
-    """Return the mesh that an untrusted process has read, checked as any mesh, and the time in milliseconds.
+def mesh_from_bytes(data: bytes) -> tuple[MeshFile, float]:
+    """Return what an untrusted process has read, checked as any mesh, and the time in milliseconds.
 
     Raises
     ------
@@ -273,7 +292,8 @@ def mesh_from_bytes(data: bytes) -> tuple[Mesh, float]:
         vertices, faces, milliseconds = (arrays[name] for name in ("vertices", "faces", "milliseconds"))
         if vertices.dtype != np.float64 or faces.dtype != np.int64:
             raise TypeError("arrays of another type")
-        return Mesh(vertices, faces), float(milliseconds.item())
+        warnings = bytes(arrays["warnings"]).decode("ascii")[:_WARNING_CHARACTERS].splitlines()
+        return MeshFile(Mesh(vertices, faces), tuple(filter(None, warnings))), float(milliseconds.item())
     except (SafetensorError, CoreError, KeyError, TypeError, ValueError) as error:
         raise MalformedMeshError("a reader returned no mesh") from error
 

@@ -19,7 +19,7 @@ from core.descriptors.views import signature_distance, view_signature
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
 from core.graph.bridges import bridges
-from core.io import Limits, read_mesh
+from core.io import Limits, read_file
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
 from core.matching.thin_plate_spline import compiled_spline_operators
@@ -46,8 +46,8 @@ class Embedded:
 
     `record` is the whole embedding, with its `signature`, shape (s,). `core.ranking.reranking` describes
     `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,), and
-    `core.descriptors.facts` the `reliability`. `facts` are those of the embedding and the bounding box, by
-    name, and `milliseconds` the wall times of the stages "read" and "embed".
+    `core.descriptors.facts` the `reliability`. `facts` are those of the embedding, the bounding
+    box and the warnings, by name, and `milliseconds` the wall times of the stages "read" and "embed".
     """
 
     record: bytes
@@ -69,13 +69,13 @@ def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters)
         The file cannot be used; the subclass says why.
     """
     start = time.perf_counter()
-    mesh = read_mesh(data, format, limits=limits)
+    file = read_file(data, format, limits=limits)
     read = 1e3 * (time.perf_counter() - start)
-    return embed_mesh(mesh, parameters, read)
+    return embed_mesh(file.mesh, parameters, read, file.warnings)
 
 
-def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
-    """Embed a mesh that took `read` milliseconds to read.
+def embed_mesh(mesh: Mesh, parameters: Parameters, read: float, warnings: Sequence[str] = ()) -> Embedded:
+    """Embed a mesh that took `read` milliseconds to read, with the warnings of its reader.
 
     Raises
     ------
@@ -90,10 +90,12 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float) -> Embedded:
                 "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
             )
         embed = 1e3 * (time.perf_counter() - start)
-        return ready_to_store(embedding, bounding_box(mesh), {"read": read, "embed": embed})
+        return ready_to_store(embedding, bounding_box(mesh), {"read": read, "embed": embed}, warnings)
 
 
-def ready_to_store(embedding: Embedding, box: Sequence[float], milliseconds: dict[str, float]) -> Embedded:
+def ready_to_store(
+    embedding: Embedding, box: Sequence[float], milliseconds: dict[str, float], warnings: Sequence[str] = ()
+) -> Embedded:
     """Return an embedding with all that is stored beside it; `box` is the bounding box, three lengths."""
     return Embedded(
         record=embedding_to_bytes(embedding),
@@ -102,7 +104,7 @@ def ready_to_store(embedding: Embedding, box: Sequence[float], milliseconds: dic
         quantised_points=quantised_points(embedding),
         view_signature=view_signature(embedding.descriptors["views"]),
         reliability=intrinsic_reliability(embedding.facts),
-        facts={**asdict(embedding.facts), "bounding_box": list(box)},
+        facts={**asdict(embedding.facts), "bounding_box": list(box), "warnings": list(warnings)},
         milliseconds=milliseconds,
     )
 

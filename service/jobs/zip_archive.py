@@ -9,6 +9,7 @@ import stat
 import zipfile
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from typing import BinaryIO
 
 from core.errors import CoreError
@@ -156,6 +157,27 @@ class ZipArchive:
                     yield position, error
 
     def _unpacked(self, info: zipfile.ZipInfo) -> bytes:
+        """Unpack a member, and the buffers beside a glTF, as a ZIP of them all."""
+        path = _normalised(info.orig_filename)
+        folder = path[: path.rfind("/") + 1]
+        beside = [
+            other
+            for other in self._infos
+            if other.orig_filename.startswith(folder) and other.orig_filename.lower().endswith(".bin")
+        ]
+        if not path.lower().endswith(".gltf") or not beside:
+            return self._unpacked_alone(info)
+        bundle = BytesIO()
+        with zipfile.ZipFile(bundle, "w") as files:
+            for member in (info, *beside):
+                _check_header(member, self._limits)
+                # The earliest time that a ZIP can hold: the same members give the same bytes.
+                entry = zipfile.ZipInfo(_normalised(member.orig_filename), (1980, 1, 1, 0, 0, 0))
+                files.writestr(entry, self._unpacked_alone(member))
+                _check_size(self._limits, bundle.tell(), bundle.tell())
+        return bundle.getvalue()
+
+    def _unpacked_alone(self, info: zipfile.ZipInfo) -> bytes:
         """Unpack a member and check the limits meanwhile."""
         data = bytearray()
         before = self._file.taken

@@ -103,6 +103,7 @@ async def query_of_file(
         once(partial(container.queue.read, data, format)),
         active_pipeline=active_pipeline,
         excluded=frozenset(same_bytes),
+        warnings=tuple(embedded.facts["warnings"]),
     )
 
 
@@ -189,7 +190,7 @@ async def search(
     with timings.stage("likeness"):
         results = [await _likened(container, query, each) for each in best_results]
     compared = len(matched.cc) if part_distances is None else len(part_distances)
-    warnings = warnings_of(query.embedding.facts.boundary_ratio)
+    warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
     if tell_units and sized.has_sizes and not compared:
         with timings.stage("units"):
             warnings += await _unit_warnings(container, query, options, sized)

@@ -59,12 +59,13 @@ class Query(Surface):
     """The surface that is searched for, and the pipeline that embedded it.
 
     `excluded` has the numbers of the stored shapes that are left out: the query itself. `number` is that of
-    the embedding, if it is stored.
+    the embedding, if it is stored, and `warnings` those of the reader of a file.
     """
 
     active_pipeline: ActivePipeline
     excluded: frozenset[int]
     number: int | None = None
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def descriptors(self) -> ShapeDescriptors:

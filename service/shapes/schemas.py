@@ -6,10 +6,11 @@ import math
 import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
+from core.io import FORMATS
 from core.parameters import INCOMPLETE
 from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
@@ -178,6 +179,7 @@ SHAPE: dict[str, Any] = {
         "bounding_box": [1.213, 0.954, 0.318],
         "closed": True,
     },
+    "unit": "",
     "warnings": [],
     "embedded": True,
     "created_at": "2026-01-31T12:00:00Z",
@@ -196,7 +198,7 @@ def warnings_of(boundary_ratio: float) -> list[str]:
 
 
 class MeshFacts(BaseModel):
-    """Measures of the mesh, in the units of the file."""
+    """Measures of the mesh, in the unit of the shape."""
 
     vertices: int = Field(description="Vertices in the file.")
     faces: int = Field(description="Faces in the file.")
@@ -240,7 +242,14 @@ class Shape(FileAndFields):
     model_config = ConfigDict(json_schema_extra={"example": SHAPE})
 
     facts: MeshFacts
-    warnings: list[str] = Field(default=[], description="Warnings for comparisons with the shape.")
+    unit: Literal["mm", ""] = Field(
+        default="",
+        description="The unit of the lengths in `facts`: the millimetre for files of formats that state one, "
+        "whatever it is; empty where it is not stated.",
+    )
+    warnings: list[str] = Field(
+        default=[], description="Warnings of the file's reader, and for comparisons with the shape."
+    )
     embedded: bool = Field(
         description="Whether the shape has an embedding of the active pipeline. Queries skip shapes without "
         "one."
@@ -251,7 +260,9 @@ class Shape(FileAndFields):
     def of(cls, record: ShapeRecord) -> "Shape":
         """Return the JSON of a record."""
         facts = {**record.facts, "closed": record.facts["boundary_edges"] == 0}
-        return cls(**{**vars(record), "facts": facts, "warnings": warnings_of(facts["boundary_ratio"])})
+        warnings = [*facts.pop("warnings"), *warnings_of(facts["boundary_ratio"])]
+        unit = FORMATS[record.format].unit
+        return cls(**{**vars(record), "facts": facts, "unit": unit, "warnings": warnings})
 
 
 class ShapePage(Page):

@@ -63,13 +63,14 @@ export function shapeCard(shape, ...actions) {
 }
 
 /**
- * Names and values of the measures of a shape, in the units of its file.
+ * Names and values of the measures of a shape, and their unit.
  * @param {Shape} shape
  * @param {number | null} ratio Its size over that of the query.
  * @returns {[string, string][]}
  */
-export const measures = ({ facts }, ratio) => [
+export const measures = ({ facts, unit }, ratio) => [
   ...(ratio === null ? [] : [/** @type {[string, string]} */ (["size ratio", rounded(ratio)])]),
+  ["unit", unit || "not stated"],
   ["sides", facts.bounding_box.map(rounded).join(" × ")],
   ["area", rounded(facts.area)],
   ["volume", facts.closed ? rounded(facts.volume) : "none, the surface is open"],

@@ -3,7 +3,8 @@
 /**
  * @typedef {{ vertices: number, faces: number, area: number, volume: number, closed: boolean,
  *             bounding_box: number[] }} Facts
- * @typedef {{ id: string, name: string, tags: string[], format: string, facts: Facts }} Shape
+ * @typedef {{ id: string, name: string, tags: string[], format: string, unit: string,
+ *             facts: Facts }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair

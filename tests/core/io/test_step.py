@@ -13,10 +13,11 @@ from core.errors import (
     NoTrianglesError,
     UnknownFormatError,
 )
-from core.io import DEFAULT_LIMITS, Limits, format_of, read_mesh, read_parts
+from core.io import DEFAULT_LIMITS, Limits, format_of, read_file, read_mesh, read_parts
 from core.io.parts import NAME_CHARACTERS, clean_name
 from core.io.step import check_products
 from tests.core.io.files import faulty, off
+from tests.core.io.iges_files import iges
 from tests.core.io.step_files import (
     Step,
     step_assembly,
@@ -80,8 +81,8 @@ def test_limits():
             read_mesh(data, "step", limits=fewer)
 
 
-def elsewhere(entity):
-    return BOX.replace(b"DATA;\n", b"DATA;\n#9000=" + entity + b"('passwd','','',#9001,'','');\n")
+def elsewhere(entity, file=BOX):
+    return file.replace(b"DATA;\n", b"DATA;\n#9000=" + entity + b"('passwd','','',#9001,'','');\n")
 
 
 def without(kind):
@@ -103,13 +104,18 @@ REFUSED = {
         "cut in the middle": BOX[: len(BOX) // 2],
     },
     NoTrianglesError: {"no faces": without(b"ADVANCED_FACE"), "no solid": of_no_solid()},
-    ExternalReferenceError: {
-        "another file": elsewhere(b"DOCUMENT_FILE"),
-        "another file in small letters": elsewhere(b"document_file"),
-        "another file by the short name": elsewhere(b"DCMFL"),
-        "another file, in a complex entity": elsewhere(b"(DOCUMENT()DOCUMENT_FILE"),
-    },
+    ExternalReferenceError: {"all in another file": elsewhere(b"DOCUMENT_FILE", of_no_solid())},
 }
+
+
+@pytest.mark.parametrize(
+    "entity", [b"DOCUMENT_FILE", b"document_file", b"DCMFL", b"(DOCUMENT()DOCUMENT_FILE"]
+)
+def test_a_file_that_is_named_beside_the_geometry_is_left_out_with_a_warning(entity):
+    file = read_file(elsewhere(entity), "step")
+    assert np.array_equal(file.mesh.vertices, read_mesh(BOX, "step").vertices)
+    assert len(file.warnings) == 1
+    assert not read_parts(elsewhere(entity), "step")
 
 
 @pytest.mark.parametrize("read", [read_mesh, read_parts])
@@ -252,3 +258,21 @@ def test_a_part_without_area_is_refused_by_its_name(monkeypatch):
     monkeypatch.setattr("core.io.read.is_degenerate", lambda mesh: len(mesh.faces) > 100)
     with pytest.raises(DegenerateMeshError, match="'ring'"):
         read_parts(MACHINE, "step")
+
+
+PATCH = [(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 0)]
+
+
+@pytest.mark.parametrize(("unit", "size"), [(1, 25.4), (2, 1.0), (6, 1e3)])
+def test_an_iges_is_read_in_millimetres(unit, size):
+    mesh = read_mesh(iges([PATCH, np.roll(PATCH, 1, axis=1)], unit), "iges")
+    assert area(mesh) == pytest.approx(4 * size**2)
+    assert extent(mesh) == pytest.approx(np.array([[0, 0, 0], [2, 2, 1]]) * size)
+
+
+@pytest.mark.parametrize(
+    "data", [iges([]), iges([PATCH])[:400], b"prose\n" * 20], ids=["empty", "cut", "prose"]
+)
+def test_a_faulty_iges_is_refused(data):
+    with pytest.raises((MalformedMeshError, NoTrianglesError)):
+        read_mesh(data, "iges")

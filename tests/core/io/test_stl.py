@@ -10,8 +10,9 @@ from core.errors import (
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_mesh
-from tests.core.io.files import CUBE, TRIANGLES, binary_stl, faulty, stl
+from core.io import Limits, read_file, read_mesh
+from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_stl, faulty, stl
+from tests.core.shapes import area, volume
 
 CORNERS = CUBE[TRIANGLES]
 ASCII, BINARY = stl(CORNERS), binary_stl(CORNERS)
@@ -39,6 +40,14 @@ SOUND = {
     "normals that are not numbers": ASCII.replace(b"normal 0 0 1", b"normal nan -nan inf"),
     "two solids": stl(CORNERS[:5]) + stl(CORNERS[5:], name="other"),
     "an empty solid first": stl([]) + ASCII,
+    "no normal": ASCII.replace(b"normal 0 0 1", b"", 1),
+    "normals of Microsoft's C library": ASCII.replace(b"normal 0 0 1", b"normal -1.#IND -1.#IND -1.#IND"),
+    "every end in two words": ASCII.replace(b"end", b"end "),
+    "comments": b"# made by hand\n" + ASCII.replace(b"loop\n", b"loop # of three\n"),
+    "decimal commas": ASCII.replace(b".0", b",0"),
+    "UTF-16": ASCII.decode().encode("utf-16"),
+    "zeros after the end": ASCII + bytes(64),
+    "binary without its last attribute": BINARY[:-2],
 }
 
 
@@ -46,6 +55,34 @@ SOUND = {
 def test_reads(data):
     mesh = read_mesh(data, "stl")
     assert np.array_equal(mesh.vertices[mesh.faces], CORNERS)
+
+
+WARNED = {
+    "count 2^32 - 1": (binary_stl(CORNERS, count=2**32 - 1), 12),
+    "count one too large": (binary_stl(CORNERS, count=13), 12),
+    "count one too small": (binary_stl(CORNERS, count=11), 12),
+    "count 0 before facets": (binary_stl(CORNERS, count=0), 12),
+    "binary cut in its last facet": (BINARY[:-20], 11),
+    "binary that begins with solid, cut": (binary_stl(CORNERS, header=b"solid x")[:-1], 11),
+    "bytes after the last facet": (BINARY + b"\n", 12),
+    "bytes after the number of facets": (binary_stl(CORNERS, count=11) + b"\n", 11),
+    "ASCII cut before its end": (ASCII[: ASCII.index(b"endsolid")], 12),
+    "text after the end": (ASCII + b"; made by hand\n", 12),
+}
+
+
+@pytest.mark.parametrize(("data", "facets"), WARNED.values(), ids=WARNED)
+def test_what_is_whole_is_read_with_a_warning(data, facets):
+    file = read_file(data, "stl")
+    assert np.array_equal(file.mesh.vertices[file.mesh.faces], CORNERS[:facets])
+    assert len(file.warnings) == 1
+    assert not any(read_file(sound, "stl").warnings for sound in SOUND.values())
+
+
+def test_facets_of_more_than_three_corners_are_polygons():
+    mesh = read_mesh(stl([*CUBE[SQUARES[:5]], *CUBE[TRIANGLES[10:]]]), "stl")
+    assert area(mesh) == 6.0
+    assert volume(mesh) == pytest.approx(1.0)
 
 
 def test_many_blocks_of_facets():
@@ -57,34 +94,28 @@ def test_many_blocks_of_facets():
 
 
 MALFORMED = {
-    "count 2^32 - 1": binary_stl(CORNERS, count=2**32 - 1),
-    "count one too large": binary_stl(CORNERS, count=13),
-    "count one too small": binary_stl(CORNERS, count=11),
-    "count 0 before facets": binary_stl(CORNERS, count=0),
-    "binary cut in a facet": BINARY[:-20],
-    "binary that begins with solid, cut": binary_stl(CORNERS, header=b"solid x")[:-1],
-    "half a header": BINARY[:40],
+    "binary cut in the middle": BINARY[: len(BINARY) // 2],
+    "half a header": binary_stl(CORNERS, header=b"part")[:40],
     "ASCII cut in a facet": ASCII[: len(ASCII) // 2],
-    "ASCII cut before its end": ASCII[: ASCII.index(b"endsolid")],
     "ASCII cut in a number": ASCII[: ASCII.rindex(b"1.0")],
-    "only the word": b"solid",
     "a second solid cut": ASCII + ASCII[:-30],
     "a solid in a solid": b"solid a\n" + ASCII + b"endsolid a\n",
     "an end without a beginning": ASCII + b"endsolid\n",
-    "text after the end": ASCII + b"more\n",
     "facets after the end": ASCII + FACET,
     "a number missing": ASCII.replace(b"1.0\n", b"\n", 1),
     "a number too many": ASCII.replace(b"1.0\n", b"1.0 1.0\n", 1),
     "a word for a number": ASCII.replace(b"1.0", b"one", 1),
     "a vertex missing": stl([*CORNERS, CUBE[:2]]),
-    "a facet of four": stl([*CORNERS, CUBE[:4]]),
     "a facet of four beside one of two": stl([*CORNERS, CUBE[:4], CUBE[:2]]),
-    "no normal": ASCII.replace(b"normal 0 0 1", b"", 1),
     "no loop": ASCII.replace(b"outer loop", b"", 1),
 }
 BAD = {
     MalformedMeshError: MALFORMED,
-    NoTrianglesError: {"binary with no facets": binary_stl([]), "no facets": stl([])},
+    NoTrianglesError: {
+        "binary with no facets": binary_stl([]),
+        "no facets": stl([]),
+        "only the word": b"solid",
+    },
     NonFiniteCoordinatesError: {
         "binary NaN": binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.nan, 0]]]),
         "binary infinity": binary_stl([[[0, 0, 0], [1, 0, 0], [0, np.inf, 0]]]),

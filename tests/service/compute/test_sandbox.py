@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import landlock
 import numpy as np
@@ -23,8 +24,7 @@ import pytest
 from safetensors.numpy import save
 
 from core.errors import EmptyFileError, MalformedMeshError, MeshTooComplexError
-from core.io import DEFAULT_LIMITS, FORMATS, Limits, read_mesh, read_parts
-from core.mesh.mesh import Mesh
+from core.io import DEFAULT_LIMITS, FORMATS, Limits, MeshFile, read_file, read_mesh, read_parts
 from service.compute import processes, sandbox
 from service.compute.pool import MEMORY_BYTES, LocalPool
 from service.compute.request_queue import _log_confinement
@@ -40,8 +40,11 @@ from service.compute.worker_loop import JSON_BYTES, decode, encode, encode_error
 from service.errors import TaskTimeLimitError, WorkerCrashedError, WorkerLostError
 from service.observability.logging import LOGGER
 from service.settings import Settings
-from tests.core.io.files import PLAIN, glb
+from tests.core.io.files import PLAIN, glb, off
+from tests.core.io.iges_files import iges
 from tests.core.io.step_files import step_box, step_machine, step_sphere
+from tests.core.io.test_glb import BESIDE, BINARY, zipped
+from tests.core.io.test_polygons import PROFILES, prism
 from tests.core.io.threemf_files import model, package
 from tests.service.support import children, small_file, wait_until
 from tests.service.tasks import nap, warm
@@ -61,23 +64,32 @@ def readers() -> Iterator[LocalPool]:
         yield pool
 
 
-def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> tuple[Mesh, float]:
+def read(pool: LocalPool, data: bytes, format: str, seconds: float = 30) -> tuple[MeshFile, float]:
     return mesh_from_bytes(pool.submit(sandbox.read_file, data, format, DEFAULT_LIMITS, seconds).result())
 
 
-FILES = {**{format: small_file(0, format) for format in PLAIN}, "3mf": package(), "step": step_sphere()}
+FILES: dict[str, Any] = {
+    **{format: small_file(0, format) for format in PLAIN},
+    **{"3mf": package(), "step": step_sphere(), "iges": iges([[(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 1)]])},
+    "a polygon that is not convex": (off(*prism(PROFILES["channel"])), "off"),
+    "a warning": (small_file(0, "stl") + b"more", "stl"),
+    "two files in a ZIP": (zipped({"scene.gltf": BESIDE, "a b.bin": BINARY}), "gltf"),
+}
 # A corner that is none keeps OpenCASCADE busy for ever.
 ENDLESS = step_box().replace(b"(0.0,0.0,0.0)", b"(NaN,1E999,0.0)")
 
 
-@pytest.mark.parametrize("format", FORMATS)
-def test_every_format_is_read_as_anywhere(readers: LocalPool, format: str) -> None:
-    data = FILES[format]
-    mesh, milliseconds = read(readers, data, format)
-    here = read_mesh(data, format)
-    assert np.array_equal(mesh.vertices, here.vertices)
-    assert np.array_equal(mesh.faces, here.faces)
+@pytest.mark.parametrize("case", FILES)
+def test_every_format_is_read_as_anywhere(readers: LocalPool, case: str) -> None:
+    data, format = FILES[case] if isinstance(FILES[case], tuple) else (FILES[case], case)
+    file, milliseconds = read(readers, data, format)
+    here = read_file(data, format)
+    assert np.array_equal(file.mesh.vertices, here.mesh.vertices)
+    assert np.array_equal(file.mesh.faces, here.mesh.faces)
+    assert file.warnings == here.warnings
+    assert bool(file.warnings) == (case == "a warning")
     assert milliseconds > 0
+    assert set(FILES) >= set(FORMATS)
 
 
 def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
@@ -256,7 +268,7 @@ def test_an_answer_has_a_largest_size(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(WorkerCrashedError):
             pool.submit(bytes, 1000).result(timeout=60)
     for format in ("off", "stl"):
-        whole = read_mesh(small_file(0, format), format)
+        whole = read_file(small_file(0, format), format)
         assert len(mesh_to_bytes(whole, 1.0)) < largest_size(Limits(122, 240, 1))
     # An STL of a million faces has three million vertices before they are merged.
     assert largest_size(Limits(500_000, 1_000_000, 1)) > 24 * 4_000_000

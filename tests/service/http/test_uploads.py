@@ -3,12 +3,14 @@
 import dataclasses
 import errno
 import hashlib
+import io
 import os
 import tempfile
 from datetime import UTC, datetime, timedelta
 from tempfile import SpooledTemporaryFile
 from typing import IO, Any
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -213,3 +215,30 @@ def test_an_incomplete_shape_is_stored_and_searched_with_a_warning(service: Runn
     assert f"{100 * stored['facts']['boundary_ratio']:.0f} %" in warning
     assert query(service.client, part).json()["warnings"] == [warning]
     assert query(service.client, small_file(1)).json()["warnings"] == []
+
+
+def test_what_a_reader_left_out_is_told_by_uploads_and_queries(service: Running) -> None:
+    data = small_file(1, "stl") + b"more"
+    stored = service.store(data, "longer.stl")
+    (warning,) = stored["warnings"]
+    assert "240 are read" in warning
+    assert query(service.client, data, filename="longer.stl").json()["warnings"] == [warning]
+    assert service.client.get(f"/shapes/{stored['id']}").json()["warnings"] == [warning]
+
+
+def test_lengths_are_in_millimetres_where_the_format_states_a_unit(service: Running) -> None:
+    mesh = read_mesh(small_file(1), "off")
+    shapes = {
+        format: service.store(write_mesh(mesh, format), f"ball.{format}") for format in ("off", "glb", "3mf")
+    }
+    assert {format: shape["unit"] for format, shape in shapes.items()} == {
+        "off": "",
+        "glb": "mm",
+        "3mf": "mm",
+    }
+    for shape in shapes.values():
+        assert shape["facts"]["area"] == pytest.approx(shapes["off"]["facts"]["area"], rel=1e-4)
+    # The file of a GLB is in metres.
+    written = service.client.get(f"/shapes/{shapes['3mf']['id']}/file", params={"format": "glb"}).content
+    assert np.ptp(trimesh.load(io.BytesIO(written), file_type="glb", force="mesh").vertices) < 0.01
+    assert read_mesh(written, "glb").vertices == pytest.approx(mesh.vertices, abs=1e-6)

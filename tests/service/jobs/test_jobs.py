@@ -21,6 +21,7 @@ from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
 from service.shapes import service as shapes_service
 from service.storage.tables import JobFileRow, JobRow
+from tests.core.io.test_glb import BESIDE, BINARY
 from tests.service.engines import on_both
 from tests.service.jobs.support import (
     begun,
@@ -51,6 +52,22 @@ def clean(service: Running) -> Running:
 def archives(running: Running) -> list[Path]:
     """Return the files in the folder of archives."""
     return list(jobs_service.folder_of(running.container.settings).glob("*"))
+
+
+def test_a_gltf_is_stored_with_the_buffers_beside_it(clean: Running) -> None:
+    files_of = {
+        "chair/scene.gltf": BESIDE,
+        "chair/a b.bin": BINARY,
+        "chair/wood.png": b"\x89PNG",
+        "b.bin": b"no",
+    }
+    done = ended(clean.client, begun(clean.client, pack(files_of)))
+    assert done["counts"]["stored"] == 1
+    (shape,) = clean.client.get("/shapes").json()["shapes"]
+    assert (shape["name"], shape["format"], shape["facts"]["faces"]) == ("scene.gltf", "glb", 12)
+    # The same bytes by themselves, and as a single upload.
+    bundle = clean.client.get(f"/shapes/{shape['id']}/file").content
+    assert clean.store(bundle, "chair.zip")["facts"] == shape["facts"]
 
 
 def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running) -> None:

@@ -120,7 +120,7 @@ def test_a_preview_is_a_glb_that_is_read_upright() -> None:
     mesh = Mesh(icosphere(2).vertices * [1, 2, 3], icosphere(2).faces)
     read = read_mesh(make_preview(mesh, "stl", FACES), "glb")
     assert np.array_equal(read.faces, mesh.faces)
-    assert np.abs(read.vertices - mesh.vertices @ upright("stl").T / 3).max() < 1e-6
+    assert np.abs(read.vertices / 1e3 - mesh.vertices @ upright("stl").T / 3).max() < 1e-6
 
 
 def test_a_large_mesh_is_simplified_though_its_faces_share_no_vertices() -> None:
@@ -128,7 +128,7 @@ def test_a_large_mesh_is_simplified_though_its_faces_share_no_vertices() -> None
     soup = Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3))
     shown = read_mesh(make_preview(soup, "stl", 2_000), "glb")
     assert 1_000 < len(shown.faces) <= 2_200
-    assert np.abs(np.linalg.norm(shown.vertices, axis=1) - 1).max() < 0.02
+    assert np.abs(np.linalg.norm(shown.vertices, axis=1) / 1e3 - 1).max() < 0.02
 
 
 def test_points_give_their_colour_to_what_is_near() -> None:
@@ -150,7 +150,7 @@ def test_points_give_their_colour_to_what_is_near() -> None:
 def test_parts_lie_side_by_side() -> None:
     mesh = icosphere(2)
     part = GlbPart("one", "off", mesh)
-    across = np.sort(read_mesh(write_glb([part, part]), "glb").vertices[:, 0])
+    across = np.sort(read_mesh(write_glb([part, part]), "glb").vertices[:, 0]) / 1e3
     left, right = across[: len(mesh.vertices)], across[len(mesh.vertices) :]
     assert right.min() - left.max() > 0.3
     assert np.ptp(left) == pytest.approx(np.ptp(right)) == pytest.approx(2.0)

@@ -28,7 +28,7 @@ REFUSED = {
     "horse.dae": (TRIANGLE, 415, "unknown-format"),
     "horse": (TRIANGLE, 415, "unknown-format"),
     ".off/horse": (TRIANGLE, 415, "unknown-format"),
-    "horse.off.zip": (TRIANGLE, 415, "unknown-format"),
+    "horse.off.zip": (TRIANGLE, 422, "malformed-mesh"),
 }
 """One file of each kind of problem; `tests/core/io` has all that is wrong with files."""
 

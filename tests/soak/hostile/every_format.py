@@ -55,9 +55,7 @@ WITHOUT_AREA = {
 NO_MESH = {
     "picture": b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 8,
     "program": b"\x7fELF\x02\x01\x01" + bytes(200),
-    "zeros": bytes(4096),
     "prose": b"Dear Sir or Madam,\n\nplease find the mesh attached.\n" * 20,
-    "newlines": b"\n" * 5000,
 }
 FOREIGN = {f"{name}.{format}": data for name, data in NO_MESH.items() for format in PLAIN} | {
     f"{end[1:].replace('.', '-')}-called.{format}": data
@@ -65,13 +63,13 @@ FOREIGN = {f"{name}.{format}": data for name, data in NO_MESH.items() for format
     for format in PLAIN
     if not end.endswith(format)
 }
-# Any text is an OBJ without triangles, and its beginning is one if it ends with a line.
-TEXT = {name for name, data in FOREIGN.items() if name.endswith("obj") and b"\0" not in data}
+# Prose is an OBJ without triangles.
+TEXT = {"prose.obj"}
 CUT = {
     f"cut-{share}{end}": data[: len(data) * share // 100]
     for end, data in SOUND.items()
     for share in (3, 50, 97)
-    if end != ".obj"
+    if end != ".obj" and (end, share) not in {(".stl", 3), (".stl", 97)}
 }
 
 
@@ -93,13 +91,19 @@ NUMBERS = {
 SCALE = {"scale": [1e200, 1e200, 1e200], "mesh": 0}
 
 CASES = {
-    ("empty", "empty-file"): {f"empty.{format}": b"" for format in PLAIN},
+    ("empty", "empty-file"): {
+        f"{name}.{format}": data
+        for name, data in {"empty": b"", "zeros": bytes(4096), "newlines": b"\n" * 5000}.items()
+        for format in PLAIN
+    },
     ("cut", "malformed-mesh"): {
         **CUT,
         **{name: data for name, data in FOREIGN.items() if name not in TEXT},
         "cut-vertex.obj": SOUND[".obj"][:9],
         "cut-face.obj": SOUND[".obj"] + b"f 1 2 -",
     },
+    # The triangles before the last one are whole.
+    ("cut", ""): {"cut-97.stl": SOUND[".stl"][:-20]},
     ("cut", "no-triangles"): {
         **{name: FOREIGN[name] for name in TEXT},
         "cut-before-faces.obj": SOUND[".obj"].partition(b"f")[0],

@@ -115,17 +115,6 @@ CASES = {
                 "accessors": [{"componentType": 5126, "type": "VEC3", "count": HUGE}],
             }
         ),
-        "no-view-sparse.glb": _accessors(
-            NO_VIEW
-            | {
-                "sparse": {
-                    "count": 1,
-                    "indices": {"bufferView": 1, "componentType": 5123},
-                    "values": {"bufferView": 0},
-                }
-            },
-            {},
-        ),
         "count-indices.glb": _accessors({}, {"count": HUGE}),
         **{
             f"accessor-{number}.glb": _accessors(positions, {})
@@ -163,10 +152,11 @@ CASES = {
         "texture-missing.glb": glb(materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 9}}}]),
     },
     ("reference", "external-reference"): {
-        **{f"buffer-{n}.glb": glb(buffers=[{"byteLength": 168, "uri": uri}]) for n, uri in ADDRESSES.items()},
-        **{
-            f"image-{n}.glb": glb(images=[{"uri": ADDRESSES[n]}]) for n in ("file", "parent", "http", "plain")
-        },
+        **{f"buffer-{n}.glb": glb(buffers=[{"byteLength": 168, "uri": uri}]) for n, uri in ADDRESSES.items()}
+    },
+    # Pictures are not looked for.
+    ("reference", ""): {
+        f"image-{n}.glb": glb(images=[{"uri": ADDRESSES[n]}]) for n in ("file", "parent", "http", "plain")
     },
     ("reference", "malformed-mesh"): {
         **{f"uri-{name}.glb": glb(buffers=[buffer]) for name, buffer in BROKEN_BUFFERS.items()},
@@ -195,6 +185,20 @@ CASES = {
         "no-meshes.glb": glb(nodes=[{}]),
     },
     ("degenerate", "degenerate-mesh"): {"scale-zero.glb": glb(nodes=[{"mesh": 0, "scale": [0, 0, 0]}])},
+    # All positions but one are zero, and no memory is taken for them.
+    ("no-view", "degenerate-mesh"): {
+        "no-view-sparse.glb": _accessors(
+            NO_VIEW
+            | {
+                "sparse": {
+                    "count": 1,
+                    "indices": {"bufferView": 1, "componentType": 5123},
+                    "values": {"bufferView": 0},
+                }
+            },
+            {},
+        ),
+    },
     ("strange", ""): {
         "strip.glb": glb(
             indices=np.array([0, 1, 2, 3, 6, 7, 4, 5]),

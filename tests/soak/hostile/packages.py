@@ -6,9 +6,19 @@ import lzma
 import struct
 import zlib
 
-from tests.core.io.files import CUBE, TRIANGLES, binary_stl, obj, off, ply
+from tests.core.io.files import CUBE, PLAIN, TRIANGLES, binary_stl, obj, off, ply
 from tests.core.io.step_files import Step, step_box
-from tests.core.io.threemf_files import MALFORMED, mesh, model, nested, package, thing, with_coordinate
+from tests.core.io.threemf_files import (
+    MALFORMED,
+    RELS,
+    components,
+    mesh,
+    model,
+    nested,
+    package,
+    thing,
+    with_coordinate,
+)
 from tests.service.jobs.support import pack
 
 ENTITIES = b"".join(
@@ -57,26 +67,25 @@ def _malformed(*names: str) -> dict[str, bytes]:
     return {f"{name.replace(' ', '-')}.3mf": MALFORMED[name] for name in names}
 
 
-def _referring(entity: bytes) -> bytes:
-    return BOX.replace(b"DATA;\n", b"DATA;\n#9000=%b('/etc/passwd','','',#9001,'','');\n" % entity)
+def _referring(entity: bytes, step: bytes = BOX) -> bytes:
+    return step.replace(b"DATA;\n", b"DATA;\n#9000=%b('/etc/passwd','','',#9001,'','');\n" % entity)
 
 
 CASES = {
     ("archive", "unknown-format"): {
-        "bomb.zip": zip_bomb,
         "bomb.zae": lambda: zip_bomb("scene.dae"),
-        "mesh.zip": pack({"mesh.stl": STL}),
         "mesh.zae": pack({"scene.dae": OUTSIDE}),
-        "mesh.stl.zip": pack({"../../../etc/cron.d/mesh.stl": STL}),
         "mesh.stl.gz": gzip.compress(STL, mtime=0),
         "mesh.tar": bytes(1024),
         "mesh.7z": SEVENZIP,
-        "mesh.gltf": b"{}",
         "mesh.pickle": PICKLE,
         "mesh.npz": pack({"a.npy": PICKLE}),
     },
     ("archive", "malformed-mesh"): {
-        "bomb.3mf": lambda: zip_bomb("3D/3dmodel.model"),
+        "bomb.zip": zip_bomb,
+        "mesh.zip": pack({"mesh.stl": STL}),
+        "mesh.stl.zip": pack({"../../../etc/cron.d/mesh.stl": STL}),
+        "two.zip": pack({"a.gltf": b"{}", "b.gltf": b"{}"}),
         "mesh.3mf": pack({"3D/3dmodel.model": DOCUMENTS["entities"]}),
         "mesh.step": b"ISO-10303-21;\n",
         "bomb-called.stl": zip_bomb,
@@ -90,9 +99,14 @@ CASES = {
         "7z-called.stl": SEVENZIP,
         "zip-behind-a-header.stl": binary_stl([], header=b"PK\x03\x04") + pack({"mesh.stl": STL}),
         **_malformed("a damaged part", "no directory", "shorter than it says", "longer than it says"),
-        **_malformed("cut in the XML", "two parts of one name", "a path out of the package"),
+        **_malformed("cut in the XML", "two parts of one name"),
     },
     ("archive", "mesh-too-complex"): {
+        "bomb.3mf": lambda: zip_bomb("3D/3dmodel.model"),
+        "bomb-of-a-gltf.zip": lambda: zip_bomb("mesh.gltf"),
+        "components.3mf": lambda: package(
+            model(thing(1) + thing(2, components(*[(1, None)] * 1_000_000)), [(2, None)])
+        ),
         "members.3mf": lambda: package(parts={str(number): "" for number in range(100_000)}),
         # 900 MB in one.
         "spaces.3mf": lambda: package(" " * 900_000_000),
@@ -103,12 +117,11 @@ CASES = {
         for ending in ("dae", "x3d", "xml", "svg", "amf", "xaml")
     },
     ("xml", "malformed-mesh"): {
-        **{f"{n}.{format}": text for n, text in DOCUMENTS.items() for format in ("stl", "ply", "off", "glb")},
+        **{f"{name}.{format}": text for name, text in DOCUMENTS.items() for format in PLAIN},
         **_malformed(
             "billion laughs", "an external entity", "a DTD elsewhere", "laughs in the relationships"
         ),
     },
-    ("xml", "no-triangles"): {f"{name}.obj": text for name, text in DOCUMENTS.items()},
     ("index-large", "malformed-mesh"): _malformed("index too large", "an index of 4e9", "an index of 1e30"),
     ("index-negative", "malformed-mesh"): _malformed("a negative index"),
     ("instances", "malformed-mesh"): _malformed("its own component", "a circle", "a circle across parts"),
@@ -122,15 +135,24 @@ CASES = {
     },
     ("empty", "empty-file"): {"empty.3mf": b"", "empty.step": b""},
     ("no-faces", "no-triangles"): {"no-build.3mf": package(model(items=())), "nothing.step": NOTHING.data()},
-    ("strange", ""): {"cube.3mf": package(), "box.step": BOX},
+    ("strange", ""): {
+        "cube.3mf": package(),
+        "box.step": BOX,
+        "a-path-out-of-the-package.3mf": package(rels=RELS.replace("/3D/3dmodel.model", "../../etc/passwd")),
+    },
     ("cut", "malformed-mesh"): {
         **{f"cut-{share}.step": BOX[: len(BOX) * share // 100] for share in (1, 10, 50, 84, 99)},
         "prose.step": b"Dear Sir or Madam,\n",
         "header.stp": b"ISO-10303-21;\nHEADER;\n",
     },
-    ("reference", "external-reference"): {
+    # What is in other files is left out.
+    ("reference", ""): {
         "elsewhere.step": _referring(b"DOCUMENT_FILE"),
         "elsewhere-short.step": _referring(b"DCMFL"),
+    },
+    ("reference", "external-reference"): {
+        "elsewhere-alone.step": _referring(b"DOCUMENT_FILE", NOTHING.data()),
+        "beside.zip": pack({"a.gltf": b'{"buffers": [{"uri": "../../etc/passwd", "byteLength": 8}]}'}),
     },
     ("nested", "malformed-mesh"): {"brackets.step": brackets},
 }

@@ -20,7 +20,7 @@ from tests.soak.hostile.every_format import TRIANGLE
 
 MOST = 4_000_000_000
 STL_COUNTS = {"most": 2**32 - 1, "half": 2**31, "one-more": 13, "one-less": 11, "none": 0}
-COUNTS = {"vertices": (MOST, 6), "faces": (8, MOST), "one-more": (8, 7), "one-less": (8, 5)}
+COUNTS = {"vertices": (MOST, 6), "faces": (8, MOST), "one-more": (8, 7)}
 TEXT_COUNTS = {
     **COUNTS,
     "both": (MOST, MOST),
@@ -61,10 +61,19 @@ THREE = lines(TRIANGLE, "v ").encode()
 NO_FACES = ply_header(8, 0).partition(b"element face")[0] + b"end_header\n" + lines(CUBE).encode()
 
 CASES = {
-    ("stl-count", "malformed-mesh"): {
+    # The triangles that are there are read.
+    ("stl-count", ""): {
         **{f"count-{n}.stl": binary_stl(CUBE[TRIANGLES], count=count) for n, count in STL_COUNTS.items()},
         "count-solid.stl": binary_stl(CUBE[TRIANGLES], header=b"solid cube", count=2**32 - 1),
+    },
+    ("stl-count", "malformed-mesh"): {
+        "count-cut.stl": binary_stl(CUBE[TRIANGLES], count=2**32 - 1)[:-20],
         "count-header-only.stl": binary_stl([], count=2**32 - 1),
+    },
+    ("binary-count", ""): {
+        "count-one-less.off": off(counts=(8, 5, 0)),
+        "count-one-less.ply": binary_ply(counts=(8, 5)),
+        "count-one-less-ascii.ply": ply(counts=(8, 5)),
     },
     ("binary-count", "malformed-mesh"): {
         **{f"count-{name}.off": off(counts=(*counts, 0)) for name, counts in TEXT_COUNTS.items()},

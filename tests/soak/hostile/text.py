@@ -52,6 +52,7 @@ CASES = {
         ),
         "lines-that-go-on.obj": VERTICES + b"f" + b" \\\n" * 9 + b"1 2 \\\n3\n" + FACES,
         "unused-vertices.off": lambda: off([*CUBE, *([[9, 9, 9]] * 100_000)], TRIANGLES),
+        "utf-16.obj": (VERTICES + FACES).decode().encode("utf-16"),
         "comments.ply": ply(more=["comment " + "x" * 1000] * 500),
     },
     ("nested", "malformed-mesh"): {
@@ -70,7 +71,6 @@ CASES = {
         "thousands-sign.off": SOUND.replace(b"3 0", b"3 0_0", 1),
         "hexadecimal.off": SOUND.replace(b"1.0", b"0x1", 1),
         "zero-bytes.obj": VERTICES + b"\0" + FACES,
-        "utf-16.obj": (VERTICES + FACES).decode().encode("utf-16"),
         "twice.ply": ply(vertex=("float x", "float y", "float z", "float x")),
         "type-unknown.ply": ply(vertex=("float x", "float y", "quad z")),
         "format-unknown.ply": ply().replace(b"ascii 1.0", b"binary_middle_endian 1.0"),

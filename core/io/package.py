@@ -1,8 +1,9 @@
-"""The package of a 3MF, a ZIP of parts (ISO/IEC 29500-2): unpacked in memory, within limits, and packed."""
+"""A ZIP of parts, as the package of a 3MF (ISO/IEC 29500-2): unpacked in memory within limits; packed."""
 
 import zipfile
 from collections.abc import Callable, Iterator
 from io import BytesIO
+from urllib.parse import unquote
 from xml.parsers import expat
 
 from core.errors import ExternalReferenceError, MalformedMeshError, MeshTooComplexError
@@ -21,6 +22,7 @@ _OTHER_BYTES = 16 << 20
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _ENCRYPTED = 0x1 | 0x40 | 0x2000
 _RELATIONSHIPS = "_rels/.rels"
+_USUAL = "/3d/3dmodel.model"
 _RELATIONSHIP = "http://schemas.openxmlformats.org/package/2006/relationships Relationship"
 _MODEL = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 # The parts of a written package.
@@ -49,29 +51,39 @@ _UNIX = 3
 
 
 class Package:
-    """The parts of a package, by name.
+    """The parts of a package, by canonical name; `title` is that of the format in messages.
 
     The parts that are read have at most 128 bytes for each vertex and face of the limits, plus 16 MiB. Raise
     MalformedMeshError if the data are not a ZIP or a name occurs twice, and MeshTooComplexError if there are
     more than 65,536 members.
     """
 
-    def __init__(self, data: bytes, limits: Limits) -> None:
+    def __init__(self, data: bytes, limits: Limits, title: str = "3MF") -> None:
+        self._title = title
         within(data.count(b"PK\x01\x02"), _MEMBERS, "members")
         try:
             self._archive = zipfile.ZipFile(BytesIO(data))
             members = self._archive.infolist()
         except Exception:
-            raise MalformedMeshError("the 3MF is not a ZIP file, or is cut short") from None
-        self._parts = {member.filename.lower(): member for member in members}
+            raise MalformedMeshError(f"the {title} is not a ZIP file, or is cut short") from None
+        self._parts = {canonical(member.filename): member for member in members}
         if len(self._parts) < len(members):
-            raise MalformedMeshError("the 3MF has two parts of one name")
+            raise MalformedMeshError(f"the {title} has two parts of one name")
         self._left = _ROW_BYTES * (limits.vertices + limits.faces) + _OTHER_BYTES
 
-    def model(self) -> str:
-        """Return the name of the package's start part.
+    def names(self) -> tuple[str, ...]:
+        """Return the canonical names of the parts."""
+        return tuple(self._parts)
 
-        Raise MalformedMeshError if it names none, ExternalReferenceError if that is outside the package.
+    def read(self, name: str) -> bytes:
+        """Return the bytes of a part; errors are those of `parse`."""
+        return b"".join(self._pieces(name))
+
+    def model(self) -> str:
+        """Return the canonical name of the package's start part.
+
+        If the package names none, or one that it lacks, that is its only model of the usual name. Raise
+        MalformedMeshError if there is none, ExternalReferenceError if it is outside the package.
         """
         relationships: list[dict[str, str]] = []
 
@@ -79,12 +91,17 @@ class Package:
             if name == _RELATIONSHIP and attributes.get("Type") == _MODEL:
                 relationships.append(attributes)
 
-        self.parse(_RELATIONSHIPS, start)
-        if not relationships or "Target" not in relationships[0]:
-            raise MalformedMeshError("the ZIP is not a 3MF: it does not say which of its parts is the model")
-        if relationships[0].get("TargetMode", "Internal") != "Internal":
+        if _RELATIONSHIPS in self._parts:
+            self.parse(_RELATIONSHIPS, start)
+        if relationships and relationships[0].get("TargetMode", "Internal") != "Internal":
             raise ExternalReferenceError("the model of the 3MF is not in it")
-        return relationships[0]["Target"]
+        named = canonical(relationships[0].get("Target", "")) if relationships else ""
+        if named in self._parts:
+            return named
+        usual = [name for name in self._parts if f"/{name}".endswith(_USUAL)]
+        if len(usual) != 1:
+            raise MalformedMeshError("the ZIP is not a 3MF: it does not say which of its parts is the model")
+        return usual[0]
 
     def parse(
         self,
@@ -95,7 +112,7 @@ class Package:
     ) -> None:
         """Parse a part as XML; a document type declaration, and with it any entity, is an error.
 
-        `name` is case-insensitive, with or without a leading slash. `start` and `end` are called for each
+        `name` need not be canonical. `start` and `end` are called for each
         element, and `namespace` with prefixes and their namespaces. Raise MalformedMeshError if the part is
         missing or not well-formed, and MeshTooComplexError if it has too many bytes.
         """
@@ -120,16 +137,17 @@ class Package:
 
     def _pieces(self, name: str) -> Iterator[bytes]:
         """Yield the bytes of a part, at most the number in the directory, which is checked first."""
-        member = self._parts.get(name.lower().removeprefix("/"))
+        member = self._parts.get(canonical(name))
         if member is None:
-            raise MalformedMeshError("the 3MF refers to a part that is not there")
+            raise MalformedMeshError(f"the {self._title} refers to a part that is not there")
         if member.flag_bits & _ENCRYPTED or member.compress_type not in _METHODS:
             raise MalformedMeshError(
-                "a part of the 3MF is encrypted, or compressed in a way that 3MF does not know"
+                f"a part of the {self._title} is encrypted, or compressed in a way that is not read"
             )
         if member.file_size > self._left:
             raise MeshTooComplexError(
-                f"a part of the 3MF unpacks to {member.file_size} bytes; at most {self._left} are read"
+                f"a part of the {self._title} unpacks to {member.file_size} bytes; "
+                f"at most {self._left} are read"
             )
         self._left -= member.file_size
         size = 0
@@ -141,9 +159,16 @@ class Package:
         except MemoryError:
             raise
         except Exception:
-            raise MalformedMeshError("a part of the 3MF cannot be unpacked: it is damaged") from None
+            raise MalformedMeshError(
+                f"a part of the {self._title} cannot be unpacked: it is damaged"
+            ) from None
         if size != member.file_size:
-            raise MalformedMeshError("a part of the 3MF has fewer bytes than it should")
+            raise MalformedMeshError(f"a part of the {self._title} has fewer bytes than it should")
+
+
+def canonical(part: str) -> str:
+    """Return the canonical name of a part: in lower case, with slashes, without the first and without %20."""
+    return unquote(part).replace("\\", "/").lower().removeprefix("/")
 
 
 def pack(vertices: bytes, triangles: bytes) -> bytes:
