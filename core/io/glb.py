@@ -174,12 +174,15 @@ def _place(document: Document, limits: Limits) -> tuple[list[Instance], dict[int
     roots = dict.fromkeys(scene, True)
     if len(roots) < len(scene):
         raise MalformedMeshError("a node of the GLB is reached twice")
-    # Joints may be outside the scene.
-    roots |= {root: False for root in _parentless(document) if root not in roots}
+    if document.sections["skins"]:
+        # Joints may be outside the scene.
+        roots |= {root: False for root in _parentless(document) if root not in roots}
     waiting = [(root, np.eye(4), in_scene) for root, in_scene in reversed(roots.items())]
     while waiting:
         number, parent, shown = waiting.pop()
         node = document.entry("nodes", number)
+        if number in matrices and not shown:
+            continue
         if number in matrices:
             raise MalformedMeshError("a node of the GLB is reached twice")
         matrices[number] = matrix = parent @ _local(node)

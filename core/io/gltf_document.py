@@ -62,13 +62,13 @@ class Document:
         The sections of the JSON that are used, by name.
     scene : object
         Index of the displayed scene in the JSON.
-    buffers : tuple of bytes
-        The buffers, each with the length in the JSON.
+    buffers : tuple of bytes or ExternalReferenceError
+        The buffers, each with the length in the JSON, or the error of using one in another file.
     """
 
     sections: dict[str, list[Entry]]
     scene: object
-    buffers: tuple[bytes, ...]
+    buffers: tuple[bytes | ExternalReferenceError, ...]
 
     def entry(self, section: str, number: object) -> Entry:
         """Return the entry of a section with the given index; raise MalformedMeshError if there is none."""
@@ -98,8 +98,8 @@ def read_document(data: bytes, limits: Limits) -> Document:
     """Parse a GLB, a JSON with embedded buffers, or a ZIP with a JSON and its buffers.
 
     Raise MalformedMeshError if the file is not glTF 2.0, is truncated, or requires an unsupported extension,
-    ExternalReferenceError if a buffer is in another file, and MeshTooComplexError if a ZIP unpacks to more
-    than `Package` allows. Pictures are not looked for.
+    and MeshTooComplexError if a ZIP unpacks to more than `Package` allows. An accessor whose buffer is in
+    another file raises ExternalReferenceError when it is read. Pictures are not looked for.
     """
     binary, files, folder = b"", None, ""
     if data[:4] == b"glTF" and len(data) >= _HEADER_BYTES:
@@ -178,13 +178,15 @@ def compressed(extension: str) -> MalformedMeshError:
     )
 
 
-def _buffer(entry: Entry, binary: bytes, files: Package | None, folder: str) -> bytes:
+def _buffer(
+    entry: Entry, binary: bytes, files: Package | None, folder: str
+) -> bytes | ExternalReferenceError:
     """Return a buffer: the binary chunk, the content of a data URI, or a file beside the JSON in a ZIP."""
     uri = entry.get("uri")
     if uri is not None and not str(uri).startswith("data:"):
         path = "/".join(filter(None, [folder, unquote(str(uri)).removeprefix("./")])).lower()
         if files is None or path not in files.names():
-            raise ExternalReferenceError(
+            return ExternalReferenceError(
                 f"the glTF refers to another file, {shown(str(uri).replace('.', '_'))}: "
                 "export it as a GLB, or send both in one ZIP"
             )
@@ -276,12 +278,15 @@ def _stored(document: Document, accessor: Entry) -> NDArray[np.generic]:
     number = whole(view, "buffer")
     if number >= len(document.buffers):
         raise MalformedMeshError("the GLB refers to an entry of its buffers that is not there")
+    buffer = document.buffers[number]
+    if isinstance(buffer, ExternalReferenceError):
+        raise buffer
     start, length = whole(view, "byteOffset", 0), whole(view, "byteLength")
     kind = np.dtype(_TYPES[accessor["componentType"]])
     width = _WIDTHS[accessor["type"]]
     count, offset, row = whole(accessor, "count"), whole(accessor, "byteOffset", 0), kind.itemsize * width
     stride = whole(view, "byteStride", row)
-    if stride < row or start + length > len(document.buffers[number]):
+    if stride < row or start + length > len(buffer):
         raise MalformedMeshError("a view of the GLB does not fit its buffer")
     if count and offset + stride * (count - 1) + row > length:
         raise MalformedMeshError(
@@ -290,7 +295,7 @@ def _stored(document: Document, accessor: Entry) -> NDArray[np.generic]:
     return np.ndarray(
         (count, width),
         dtype=kind,
-        buffer=document.buffers[number],
+        buffer=buffer,
         offset=start + offset,
         strides=(stride, kind.itemsize),
     )

@@ -4,7 +4,7 @@ import re
 import struct
 from array import array
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -143,6 +143,10 @@ def _read_header(data: bytes) -> Header:
     ]:
         if len(set(names)) < len(names):
             raise MalformedMeshError("the header of the PLY declares a name twice")
+    for _, _, properties in elements:
+        # Capitals do not matter, unless they tell two names apart.
+        if len({p.name.lower() for p in properties}) == len(properties):
+            properties[:] = [replace(p, name=p.name.lower()) for p in properties]
     return Header(
         byte_order, tuple(Element(name, n, tuple(properties)) for name, n, properties in elements), end.end()
     )
@@ -154,9 +158,9 @@ def _property(words: list[str]) -> Property:
         case ["list", length, value, name] if (
             length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"
         ):
-            return Property(name.lower(), _TYPES[value], _TYPES[length])
+            return Property(name, _TYPES[value], _TYPES[length])
         case [value, name] if value in _TYPES:
-            return Property(name.lower(), _TYPES[value], "")
+            return Property(name, _TYPES[value], "")
     raise MalformedMeshError("a property in the header of the PLY has a type that is not known")
 
 

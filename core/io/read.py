@@ -16,9 +16,10 @@ from core.errors import (
     NoTrianglesError,
 )
 from core.io.checks import DEFAULT_LIMITS, Limits
-from core.io.formats import Format, read_format, written_format
+from core.io.formats import FORMATS, Format, read_format, written_format
 from core.io.parts import Part
 from core.io.recognition import recognised, recognised_text
+from core.io.stl import is_binary
 from core.mesh.mesh import Mesh, face_normals
 
 # Faces whose area is computed at a time: the first block of a sound mesh answers.
@@ -143,7 +144,12 @@ def _reading(data: bytes, format: Format) -> Iterator[None]:
         raise EmptyFileError("the file has nothing but blanks or zeros")
     kind = recognised(data)
     # A glTF may come in a ZIP, which is no kind of its own.
-    if isinstance(kind, str) and not (kind.startswith("a ZIP") and format.name in ("3mf", "glb")):
+    if format.name == "glb" and data.startswith(FORMATS["3mf"].magic):
+        kind = format
+    # The header of a binary STL may say anything.
+    if format.name == "stl" and is_binary(data):
+        kind = format
+    if isinstance(kind, str) and not (kind.startswith("a ZIP") and format.name == "3mf"):
         raise MalformedMeshError(f"the file is {kind}; send the {format.title} itself")
     if isinstance(kind, Format) and kind is not format:
         raise _misnamed(kind, format)

@@ -21,6 +21,8 @@ _LINEAR, _ANGULAR = 0.01, 0.5
 _ELSEWHERE = re.compile(rb"\b(DOCUMENT_FILE|DCMFL)\b", re.IGNORECASE)
 _NOWHERE = {len(name): b"X" * len(name) for name in (b"DOCUMENT_FILE", b"DCMFL")}
 _SOLID = re.compile(rb"\bMANIFOLD_SOLID_BREP\b", re.IGNORECASE)
+# The most triangles whose edges are counted, in half a second.
+_CHECKED = 200_000
 _INSTANCES_PER_PART = 16
 # An instance: its id, name and description, of at most 1,024 characters each; the product that contains it,
 # and the product that it is an instance of. The quantifiers do not backtrack, so the time is linear.
@@ -41,7 +43,7 @@ def read(data: bytes, limits: Limits) -> Content:
     warnings = []
     if _ELSEWHERE.search(data):
         warnings.append("the STEP names other files, which are left out")
-    if _SOLID.search(data) and _is_open(content.vertices, content.faces):
+    if len(content.faces) <= _CHECKED and _SOLID.search(data) and _is_open(content.vertices, content.faces):
         warnings.append("a solid of the STEP is open: some of its faces could not be made into triangles")
     return content._replace(warnings=tuple(warnings))
 
@@ -50,7 +52,8 @@ def _is_open(vertices: Floats, faces: Ints) -> bool:
     """Return whether an edge has one face only, once vertices at one position are one."""
     corners = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]
     edges = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    counts = np.unique(edges[edges[:, 0] < edges[:, 1]], axis=0, return_counts=True)[1]
+    edges = edges[edges[:, 0] < edges[:, 1]]
+    counts = np.unique(edges[:, 0] * len(vertices) + edges[:, 1], return_counts=True)[1]
     return bool((counts == 1).any())
 
 

@@ -17,7 +17,8 @@ _HEADER_BYTES = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 # The name of a solid may hold any word, so it is cut away with the keyword; its line ends it, or a facet.
 _SOLID = re.compile(rb"solid\b[^\n]*?(?=\bfacet\s+(?:normal|outer)\b|\n)")
-_NUMBERS = rb"(?:\s++\S++){3}"
+# Three words that are none of the format's: a search that fails does so at the next of these.
+_NUMBERS = rb"(?:\s++(?!facet|outer|vertex|end)\S++){3}"
 _ASCII_FACET = re.compile(
     rb"facet(?:\s++normal%(n)b)?+\s++outer\s++loop((?:\s++vertex%(n)b){3,}+)\s++end\s*+loop\s++end\s*+facet"
     % {b"n": _NUMBERS}
@@ -34,8 +35,8 @@ def read(data: bytes, limits: Limits) -> Content:
     A file is binary if its length agrees with its count. The first word cannot decide: the header of a binary
     file may begin with "solid".
     """
-    declared = int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
-    if len(data) == _HEADER_BYTES + _FACET.itemsize * declared:
+    declared = _declared(data)
+    if is_binary(data):
         return _binary(data, declared, limits)
     text = without_mark(data)
     if b"\0" not in text.rstrip(b"\0"):
@@ -68,6 +69,16 @@ def _of_another_length(data: bytes, declared: int, limits: Limits) -> Content:
     facets = declared if rest and 0 < declared < whole else whole
     warning = f"the STL declares {declared} triangles and has bytes for {whole}; {facets} are read"
     return _binary(data, facets, limits, *([warning] if rest or facets != declared else []))
+
+
+def is_binary(data: bytes) -> bool:
+    """Return whether the length of a file is that of a binary STL with its count."""
+    return len(data) == _HEADER_BYTES + _FACET.itemsize * _declared(data)
+
+
+def _declared(data: bytes) -> int:
+    """Return the count of triangles in the header of a binary STL."""
+    return int.from_bytes(data[_HEADER_BYTES - 4 : _HEADER_BYTES], "little")
 
 
 def _binary(data: bytes, facets: int, limits: Limits, *warnings: str) -> Content:

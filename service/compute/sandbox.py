@@ -292,7 +292,9 @@ def mesh_from_bytes(data: bytes) -> tuple[MeshFile, float]:
         vertices, faces, milliseconds = (arrays[name] for name in ("vertices", "faces", "milliseconds"))
         if vertices.dtype != np.float64 or faces.dtype != np.int64:
             raise TypeError("arrays of another type")
-        warnings = bytes(arrays["warnings"]).decode("ascii")[:_WARNING_CHARACTERS].splitlines()
+        warnings = bytes(arrays["warnings"]).decode("ascii")[:_WARNING_CHARACTERS].split("\n")
+        if not all(map(str.isprintable, warnings)):
+            raise ValueError("warnings that cannot be shown")
         return MeshFile(Mesh(vertices, faces), tuple(filter(None, warnings))), float(milliseconds.item())
     except (SafetensorError, CoreError, KeyError, TypeError, ValueError) as error:
         raise MalformedMeshError("a reader returned no mesh") from error

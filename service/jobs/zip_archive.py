@@ -7,7 +7,9 @@ unpacked. No member is written to disk.
 import re
 import stat
 import zipfile
+from collections import Counter
 from collections.abc import Container, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from typing import BinaryIO
@@ -115,6 +117,16 @@ class ZipArchive:
         if len(infos) > most:
             raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {most}")
         self._infos = [info for info in infos if not info.is_dir()]
+        # The buffers of glTF by their folder, and their bytes together.
+        self._buffers: dict[str, list[zipfile.ZipInfo]] = {}
+        self._buffer_bytes: Counter[str] = Counter()
+        for info in self._infos:
+            if info.orig_filename.lower().endswith(".bin"):
+                with suppress(MemberError):
+                    _check_header(info, limits)
+                    folder = _normalised(info.orig_filename).rpartition("/")[0]
+                    self._buffers.setdefault(folder, []).append(info)
+                    self._buffer_bytes[folder] += info.file_size
 
     def members(self) -> list[ArchiveMember]:
         """List all members by the directory.
@@ -140,6 +152,8 @@ class ZipArchive:
                 format_of(base_name(path))
                 members.append(ArchiveMember(shown_path, name, None))
                 total += info.file_size
+                if normalised.lower().endswith(".gltf"):
+                    total += self._buffer_bytes[normalised.rpartition("/")[0]]
             except (ServiceError, CoreError) as error:
                 members.append(ArchiveMember(shown_path, base_name(shown_path), error))
         most = self._limits.max_unpacked_bytes
@@ -157,20 +171,15 @@ class ZipArchive:
                     yield position, error
 
     def _unpacked(self, info: zipfile.ZipInfo) -> bytes:
-        """Unpack a member, and the buffers beside a glTF, as a ZIP of them all."""
-        path = _normalised(info.orig_filename)
-        folder = path[: path.rfind("/") + 1]
-        beside = [
-            other
-            for other in self._infos
-            if other.orig_filename.startswith(folder) and other.orig_filename.lower().endswith(".bin")
-        ]
-        if not path.lower().endswith(".gltf") or not beside:
+        """Unpack a member; a glTF and the buffers in its folder become a ZIP of them all."""
+        beside: list[zipfile.ZipInfo] = []
+        if info.orig_filename.lower().endswith(".gltf"):
+            beside = self._buffers.get(_normalised(info.orig_filename).rpartition("/")[0], [])
+        if not beside:
             return self._unpacked_alone(info)
         bundle = BytesIO()
         with zipfile.ZipFile(bundle, "w") as files:
             for member in (info, *beside):
-                _check_header(member, self._limits)
                 # The earliest time that a ZIP can hold: the same members give the same bytes.
                 entry = zipfile.ZipInfo(_normalised(member.orig_filename), (1980, 1, 1, 0, 0, 0))
                 files.writestr(entry, self._unpacked_alone(member))

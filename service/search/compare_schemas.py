@@ -1,10 +1,11 @@
 """Comparisons of two shapes as JSON, and dense correspondences."""
 
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.search.schemas import PAIR, PIPELINE, Pair, PairScores
+from service.shapes.fields import storable_text
 from service.shapes.schemas import SHAPE
 
 if TYPE_CHECKING:
@@ -97,8 +98,12 @@ class CompareRequest(BaseModel):
         },
     )
 
-    first: str = Field(description="The id of a shape.", max_length=64)
-    second: str = Field(description="The id of another shape, or of the same one.", max_length=64)
+    first: Annotated[str, AfterValidator(storable_text)] = Field(
+        description="The id of a shape.", max_length=64
+    )
+    second: Annotated[str, AfterValidator(storable_text)] = Field(
+        description="The id of another shape, or of the same one.", max_length=64
+    )
     dense: bool | None = Field(default=None, description=DENSE)
 
 

@@ -181,7 +181,9 @@ class Point(BaseModel):
 
     sample: int = Field(description="The row of the point in the embedding.")
     vertex: int = Field(description="The vertex of the file at the point, or nearest to it.")
-    position: list[float] = Field(description="Coordinates in the frame and units of the file.")
+    position: list[float] = Field(
+        description="Coordinates in the frame of the file and the unit of the shape."
+    )
 
 
 class Pair(BaseModel):

@@ -380,7 +380,7 @@ class EmbeddingArrays(BaseModel):
 
     pipeline: str = Field(description="Fingerprint of the pipeline that computed the embedding.")
     positions: list[list[float]] = Field(
-        description="Positions of the samples, in the frame and units of the file."
+        description="Positions of the samples, in the frame of the file and the unit of the shape."
     )
     vertices: list[int] = Field(description="The vertex of the file at each sample, or nearest to it.")
     graph_edges: list[list[int]] = Field(description="Edges of the sparse graph: pairs of samples.")

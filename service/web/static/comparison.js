@@ -24,13 +24,13 @@ async function differences(first, second) {
 }
 
 /**
- * Such as "Brown: 0.64 in the units of the file; 8 % of its vertices correspond to none".
+ * Such as "Brown: 0.64 in the unit of the shape; 8 % of its vertices correspond to none".
  * @param {Painting} painting
  */
 function told({ extras }) {
   const { quantity, maximum, without_partner: without } = extras;
   const most = quantity === "displacement"
-    ? `Brown: ${Number(maximum.toPrecision(2))} in the units of the file`
+    ? `Brown: ${Number(maximum.toPrecision(2))} in the unit of the shape`
     : "Brown: twice or half as long as elsewhere";
   return without > 0.0005 ? `${most}; ${Math.max(1, Math.round(100 * without))} % of its vertices correspond to none` : most;
 }

@@ -90,6 +90,11 @@ SCENES = {
         {"model/a b.bin": BINARY, "model/scene.gltf": BESIDE, "a.png": b""}
     ),
     "an image on the net": glb(images=[{"uri": "http://169.254.169.254/"}]),
+    "a ZIP of another model's name": zipped({"a.model.gltf": BESIDE, "a b.bin": BINARY}),
+    "a buffer elsewhere that nothing uses": glb(
+        buffers=[*TREE["buffers"], {"uri": "animation.bin", "byteLength": 9}]
+    ),
+    "a node below two roots, one of them not shown": glb(**nodes({"mesh": 0}, {"children": [0]})),
     "nodes that are hidden": glb(
         **nodes(
             {"children": [1]},

@@ -109,6 +109,10 @@ SOUND = {
     "UTF-16": TEXT.decode().encode("utf-16"),
     "a comment without the word": ply(more=["made by hand"]),
     "comments among the rows": TEXT.replace(b"\n4 0", b"\ncomment faces\n4 0", 1),
+    "names that differ by capitals": ply(
+        vertices=np.hstack([CUBE, CUBE[:, :2]]),
+        vertex=("float x", "float y", "float z", "float s", "float S"),
+    ),
     "capitals": ply(vertex=("float X", "float Y", "float Z")),
     "a third name": TEXT.replace(b"vertex_indices", b"vertex_indexes"),
     "polygons": TEXT.replace(b"element face", b"element polygon"),

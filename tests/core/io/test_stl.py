@@ -48,6 +48,8 @@ SOUND = {
     "UTF-16": ASCII.decode().encode("utf-16"),
     "zeros after the end": ASCII + bytes(64),
     "binary without its last attribute": BINARY[:-2],
+    "binary of MZ": binary_stl(CORNERS, header=b"MZ_bracket"),
+    "binary of a drawing": binary_stl(CORNERS, header=b"AC1015 part"),
 }
 
 
@@ -107,6 +109,7 @@ MALFORMED = {
     "a word for a number": ASCII.replace(b"1.0", b"one", 1),
     "a vertex missing": stl([*CORNERS, CUBE[:2]]),
     "a facet of four beside one of two": stl([*CORNERS, CUBE[:4], CUBE[:2]]),
+    "words for numbers": b"solid\n" + b"facet outer loop vertex " * 20_000,
     "no loop": ASCII.replace(b"outer loop", b"", 1),
 }
 BAD = {

@@ -118,6 +118,7 @@ SOUND_OBJ = {
     "the face of old versions": (V + F.replace("f", "fo")).encode(),
     "blanks after what goes on": obj().replace(b" 0.0\n", b" \\ \n0.0\n"),
     "UTF-16": (V + F).encode("utf-16"),
+    "a comment of signs": obj().replace(b" 0.0\n", b" \\\n0.0\n") + b"#" * 1_000_000 + b"\n",
     "commas": (V.replace(" 0.0 ", " 0.0, ") + F).encode(),
     "decimal commas": (V.replace(".", ",") + F).encode(),
 }

@@ -109,6 +109,10 @@ WRONG: dict[tuple[str, ...], list[tuple[Any, str]]] = {
         ('{"shape_id": "\\ud800"}', "shape_id"),
         ('{"shape_id": "\\u0000"}', "shape_id"),
     ],
+    ("compare as text",): [
+        ('{"first": "\\u0000", "second": "x"}', "first"),
+        ('{"first": "x", "second": "\\u0000"}', "second"),
+    ],
     SEARCHES: [
         ({"top_k": 0}, "top_k"),
         ({"top_k": 101}, "top_k"),

@@ -2,11 +2,12 @@
 
 import bz2
 import gzip
+import json
 import lzma
 import struct
 import zlib
 
-from tests.core.io.files import CUBE, PLAIN, TRIANGLES, binary_stl, obj, off, ply
+from tests.core.io.files import CUBE, PLAIN, TRIANGLES, binary_stl, gltf, obj, off, ply
 from tests.core.io.step_files import Step, step_box
 from tests.core.io.threemf_files import (
     MALFORMED,
@@ -31,6 +32,7 @@ DOCUMENTS = {
     "outside": OUTSIDE,
     "remote": OUTSIDE.replace(b"file:///etc/passwd", b"http://127.0.0.1:1/x"),
 }
+OUTSIDE_BUFFER = {"uri": "../../etc/passwd", "byteLength": 168}
 STL = binary_stl(CUBE[TRIANGLES])
 SEVENZIP = b"7z\xbc\xaf\x27\x1c" + bytes(100)
 PICKLE = b"cos\nsystem\n(S'true'\ntR."
@@ -152,7 +154,7 @@ CASES = {
     },
     ("reference", "external-reference"): {
         "elsewhere-alone.step": _referring(b"DOCUMENT_FILE", NOTHING.data()),
-        "beside.zip": pack({"a.gltf": b'{"buffers": [{"uri": "../../etc/passwd", "byteLength": 8}]}'}),
+        "beside.zip": pack({"a.gltf": json.dumps({**gltf()[0], "buffers": [OUTSIDE_BUFFER]}).encode()}),
     },
     ("nested", "malformed-mesh"): {"brackets.step": brackets},
 }
