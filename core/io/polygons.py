@@ -8,6 +8,8 @@ from core.io.checks import Limits, check_indices, within
 # A triangle of a fan that lies outside its polygon by less than this share of the area of the polygon is
 # an effect of rounding.
 _OUTSIDE = 1e-6
+# More corners would be triangulated by threads, which a confined process may not start; they stay a fan.
+_MOST_CORNERS = 10_000
 
 
 def triangles(corners: Ints, sizes: Ints, vertices: Floats, limits: Limits) -> Ints:
@@ -15,8 +17,8 @@ def triangles(corners: Ints, sizes: Ints, vertices: Floats, limits: Limits) -> I
 
     A polygon of n corners becomes n - 2 triangles that cover it once. Where the fan around the first corner
     does that, as in every convex polygon, it is taken; any other polygon is triangulated in the plane of its
-    area vector, which may be concave, and may have holes that are bridged by doubled edges. Polygons of fewer
-    than three corners are left out.
+    area vector, unless it has more than 10,000 corners. It may be concave, and may have holes bridged by
+    doubled edges. Polygons of fewer than three corners are left out.
 
     Raise MalformedMeshError if an index is outside 0 .. n - 1, and MeshTooComplexError if there are more
     triangles than faces in the limits.
@@ -53,7 +55,7 @@ def triangles(corners: Ints, sizes: Ints, vertices: Floats, limits: Limits) -> I
     quads = concave[sizes[concave] == 4]
     for side, opposite in enumerate([(1, 2, 3), (1, 3, 0)]):
         fans[ends[quads] - 2 + side] = corners[starts[quads, None] + np.array(opposite)]
-    for number in concave[sizes[concave] > 4]:
+    for number in concave[(sizes[concave] > 4) & (sizes[concave] <= _MOST_CORNERS)]:
         own = corners[starts[number] : starts[number] + sizes[number]]
         fans[ends[number] - pieces[number] : ends[number]] = own[_in_plane(vertices[own], wholes[number])]
     return fans

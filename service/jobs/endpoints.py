@@ -20,7 +20,7 @@ from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
 from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
-from service.shapes.fields import base_name, storable_text
+from service.shapes.fields import base_name, clean_id
 from service.shapes.schemas import read_cursor
 
 ADDRESS = "/jobs"
@@ -52,7 +52,7 @@ RECONNECT_MILLISECONDS = 2000
 
 router = APIRouter(tags=["jobs"])
 
-JobId = Annotated[str, AfterValidator(storable_text), Path(description="The id of a job.", max_length=64)]
+JobId = Annotated[str, AfterValidator(clean_id), Path(description="The id of a job.", max_length=64)]
 
 
 def _runner(request: Request) -> Runner:

@@ -40,7 +40,7 @@ from service.search.schemas import pairs
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
-from service.shapes.fields import base_name, storable_text
+from service.shapes.fields import base_name, clean_id
 from service.storage.database import ReadSession
 from service.web.endpoints import viewing_page
 
@@ -52,7 +52,7 @@ PICTURE_SIZE = 512
 """Height of the picture of a comparison, in pixels."""
 
 IdOrFile = Annotated[
-    UploadFile | Annotated[str, AfterValidator(storable_text), Field(max_length=64)],
+    UploadFile | Annotated[str, AfterValidator(clean_id), Field(max_length=64)],
     Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
 ]
 

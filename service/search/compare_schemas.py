@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.search.schemas import PAIR, PIPELINE, Pair, PairScores
-from service.shapes.fields import storable_text
+from service.shapes.fields import clean_id
 from service.shapes.schemas import SHAPE
 
 if TYPE_CHECKING:
@@ -98,10 +98,8 @@ class CompareRequest(BaseModel):
         },
     )
 
-    first: Annotated[str, AfterValidator(storable_text)] = Field(
-        description="The id of a shape.", max_length=64
-    )
-    second: Annotated[str, AfterValidator(storable_text)] = Field(
+    first: Annotated[str, AfterValidator(clean_id)] = Field(description="The id of a shape.", max_length=64)
+    second: Annotated[str, AfterValidator(clean_id)] = Field(
         description="The id of another shape, or of the same one.", max_length=64
     )
     dense: bool | None = Field(default=None, description=DENSE)

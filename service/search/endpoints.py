@@ -24,7 +24,7 @@ from service.search.answer import (
 )
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.endpoints import MeshUpload, ShapeId
-from service.shapes.fields import storable_text
+from service.shapes.fields import clean_id
 from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
@@ -43,7 +43,7 @@ class StoredQuery(SearchOptions):
 
     model_config = ConfigDict(json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}})
 
-    shape_id: Annotated[str, AfterValidator(storable_text)] = Field(
+    shape_id: Annotated[str, AfterValidator(clean_id)] = Field(
         description="The id of the shape to search with.", max_length=64
     )
 

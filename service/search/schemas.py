@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness
 from service.collection import CollectionNumber
-from service.shapes.fields import split_tags, storable_text
+from service.shapes.fields import clean_id, split_tags
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, Shape
 
@@ -109,7 +109,7 @@ def _split(value: object) -> object:
 
 
 Excluded = Annotated[
-    list[Annotated[str, AfterValidator(storable_text), Field(max_length=64)]],
+    list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]],
     BeforeValidator(_split),
     Field(max_length=EXCLUDED),
 ]

@@ -36,8 +36,8 @@ from service.shapes.fields import (
     ListedTags,
     Metadata,
     base_name,
+    clean_id,
     clean_name,
-    storable_text,
 )
 from service.shapes.records import NewShape, Sort
 from service.shapes.schemas import (
@@ -131,7 +131,7 @@ router = APIRouter(tags=["shapes"])
 SHAPE = RequestBody(ShapeUpload)
 
 ShapeId = Annotated[
-    str, AfterValidator(storable_text), Path(description="The id of a stored shape.", max_length=64)
+    str, AfterValidator(clean_id), Path(description="The id of a stored shape.", max_length=64)
 ]
 
 

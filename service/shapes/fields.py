@@ -38,6 +38,14 @@ def storable_text(text: str) -> str:
     return text
 
 
+def clean_id(text: str) -> str:
+    """Return an id of a request; an empty one, which nothing has, for text that no database holds."""
+    try:
+        return storable_text(text)
+    except ValueError:
+        return ""
+
+
 def clean_name(name: str) -> str:
     """Return a name of 1 to `NAME_CHARACTERS` characters."""
     name = clean_text(name)

@@ -63,7 +63,11 @@ class Filters(BaseModel):
         description="Only shapes whose name contains this text; upper and lower case are equal.",
     )
     metadata: list[
-        Annotated[str, AfterValidator(storable_text), Field(json_schema_extra={"pattern": "^[^=]+="})]
+        Annotated[
+            str,
+            AfterValidator(storable_text),
+            Field(json_schema_extra={"pattern": "^[^=\\x00]+=[^\\x00]*$"}),
+        ]
     ] = Field(
         default=[],
         max_length=METADATA_FILTERS,

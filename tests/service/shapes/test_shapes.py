@@ -36,6 +36,19 @@ def listed(service: Running, sort: str, limit: int = 2) -> list[str]:
 
 
 @on_both
+def test_an_id_that_no_database_holds_is_not_found(service: Running) -> None:
+    client, zero = service.client, {"first": "\0", "second": "\0"}
+    for answer in (
+        client.get("/shapes/%00"),
+        client.delete("/shapes/%00"),
+        client.post("/query", json={"shape_id": "\0"}),
+        client.post("/compare", json=zero),
+    ):
+        assert_problem(answer, 404, "shape-not-found")
+    assert_problem(client.get("/jobs/%00"), 404, "job-not-found")
+
+
+@on_both
 def test_pages_have_an_order(service: Running) -> None:
     names = ["beta", "Alpha", "gamma", "alpha", "Beta 2", "Émile"]
     for i, name in enumerate(names):

@@ -55,6 +55,7 @@ CASES = {
         "utf-16.obj": (VERTICES + FACES).decode().encode("utf-16"),
         "comments.ply": ply(more=["comment " + "x" * 1000] * 500),
     },
+    ("nested", "no-triangles"): {"solid-solid.stl": b"solid " * 100_000},
     ("nested", "malformed-mesh"): {
         "line-of-megabytes.off": lambda: b"OFF " + b"1 " * MIB,
         "line-of-megabytes.ply": lambda: b"ply\nformat ascii 1.0\n" + b"x" * (4 * MIB),
@@ -63,7 +64,6 @@ CASES = {
             b"solid\n" + b"facet normal 0 0 1 outer loop " * 100_000 + b"endsolid"
         ),
         "spaces.stl": lambda: b"solid\nfacet normal" + b" " * (4 * MIB) + b"endsolid\n",
-        "solid-solid.stl": b"solid " * 100_000,
         "polygon-too-far.obj": lambda: (
             VERTICES + b"f " + b" ".join(b"%d" % i for i in range(1, 100_001)) + b"\n"
         ),
