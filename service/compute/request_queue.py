@@ -29,6 +29,7 @@ from service.compute.sandbox import (
     parts_from_bytes,
     read_file,
     read_part_files,
+    read_zip_directory,
 )
 from service.compute.tasks import Embedded, embed_mesh
 from service.errors import (
@@ -223,6 +224,19 @@ class RequestQueue:
         with _at_fault():
             answer = await self._from_reader(read_part_files, data, format)
             return await run_in_threadpool(parts_from_bytes, answer, self.limits.distinct_parts)
+
+    def zip_directory(self, end: bytes, size: int, most: int) -> bytes:
+        """Return `sandbox.zip_directory(end, size, most)` of a confined process; it blocks.
+
+        Raises
+        ------
+        MeshTooComplexError, ValueError, MemoryError
+            The directory is too long, or is none.
+        TaskTimeLimitError, WorkerLostError
+            Reading took too long, or its process ended.
+        """
+        reading = self.readers.submit(read_zip_directory, end, size, most, self.read_seconds)
+        return bytes(reading.result())
 
     async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""

@@ -5,12 +5,13 @@ memory and time, opens no files and starts no processes, and is replaced often. 
 this on native code by Landlock and seccomp; on every system an audit hook enforces it on Python. A
 file that ends the reader costs one request.
 
-A reader answers by a mesh, or the parts of an assembly, as safetensors. It is not trusted, so each answer is
-checked as an upload is.
+A reader answers by a mesh or the parts of an assembly, as safetensors, or by the directory of a ZIP, as JSON.
+It is not trusted, so each answer is checked as an upload is.
 """
 
 import codecs
 import errno
+import io
 import json
 import math
 import os
@@ -18,6 +19,7 @@ import resource
 import sys
 import sysconfig
 import time
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -33,7 +35,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 import core.io
-from core.errors import CoreError, MalformedMeshError, MeshError
+from core.errors import CoreError, MalformedMeshError, MeshError, MeshTooComplexError
 from core.io import (
     PATH_NAMES,
     Limits,
@@ -122,6 +124,67 @@ def read_part_files(data: bytes, format: str, limits: Limits, seconds: float) ->
     return parts_to_bytes(
         [PartFile(part.name, part.path, part.instances, write_mesh(part.mesh, "3mf")) for part in parts]
     )
+
+
+def read_zip_directory(end: bytes, size: int, most: int, seconds: float) -> bytes:
+    """Return `zip_directory(end, size, most)` within `seconds` of processor time."""
+    _limit_time(seconds)
+    return zip_directory(end, size, most)
+
+
+def zip_directory(end: bytes, size: int, most: int) -> bytes:
+    """List the directory of a ZIP of `size` bytes, of which `end` is the last part.
+
+    A directory of a few megabytes can keep the library busy for minutes.
+
+    Returns
+    -------
+    bytes
+        JSON: the number of entries and, unless they are more than `most`, a list for each entry but folders:
+        its path, flags, method, external attributes, position in the file, packed size, size and CRC-32.
+
+    Raises
+    ------
+    MeshTooComplexError
+        The directory begins before `end`.
+    ValueError
+        The bytes are not the end of a ZIP.
+    """
+    try:
+        with zipfile.ZipFile(_FileEnd(end, size)) as archive:
+            infos = archive.infolist()
+    except MeshTooComplexError:
+        raise
+    # Hostile directories can make the library raise any exception.
+    except Exception as error:
+        raise ValueError(str(error)) from error
+    entries = [
+        [
+            *(info.orig_filename, info.flag_bits, info.compress_type, info.external_attr),
+            *(info.header_offset, info.compress_size, info.file_size, info.CRC),
+        ]
+        for info in infos[:most]
+        if not info.is_dir()
+    ]
+    return json.dumps([len(infos), entries if len(infos) <= most else []]).encode()
+
+
+class _FileEnd(io.BytesIO):
+    """The last bytes of a file of `size` bytes, at their positions in it."""
+
+    def __init__(self, end: bytes, size: int) -> None:
+        super().__init__(end)
+        self._start = size - len(end)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
+        if whence == os.SEEK_SET:
+            if 0 <= offset < self._start:
+                raise MeshTooComplexError("the directory is too long for the largest number of members")
+            offset -= self._start
+        return super().seek(offset, whence) + self._start
+
+    def tell(self) -> int:
+        return super().tell() + self._start
 
 
 def enter(memory: int) -> None:

@@ -162,7 +162,7 @@ class Runner:
 
     async def _do(self, job: JobRow) -> None:
         turn = asyncio.Lock()
-        with closing(self.jobs.begin(job)) as members:
+        with closing(self.jobs.begin(job, self._container.queue.zip_directory)) as members:
             workers = range(self._container.settings.workers)
             await together(self._take(job, members, turn) for _ in workers)
         await run_in_threadpool(self.jobs.end, job, "done")

@@ -19,7 +19,13 @@ from service.collections import repository as collections_repository
 from service.errors import ArchiveError, BusyError, ServiceError, StorageFullError, StorageUnavailableError
 from service.jobs import repository
 from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
-from service.jobs.zip_archive import MalformedArchiveError, MemberError, MemberFault, ZipArchive
+from service.jobs.zip_archive import (
+    MalformedArchiveError,
+    MemberError,
+    MemberFault,
+    ReadDirectory,
+    ZipArchive,
+)
 from service.settings import Settings
 from service.shapes.schemas import write_cursor
 from service.storage.database import Database, ReadSession
@@ -158,10 +164,12 @@ class Jobs:
         with self._database.write() as session:
             return repository.claim(session, runner), True
 
-    def begin(self, job: JobRow) -> Generator[tuple[JobFileRow, bytes | MemberFault]]:
+    def begin(
+        self, job: JobRow, read_directory: ReadDirectory
+    ) -> Generator[tuple[JobFileRow, bytes | MemberFault]]:
         """List the members of a job, unless they are listed, and yield those without an outcome.
 
-        Each comes with its bytes or the reason of its refusal.
+        Each comes with its bytes or the reason of its refusal. `read_directory`: see `ZipArchive`.
 
         Raises
         ------
@@ -177,7 +185,7 @@ class Jobs:
                 "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
             ) from error
         with file:
-            archive = ZipArchive(file, self._settings)
+            archive = ZipArchive(file, self._settings, read_directory)
             if job.state == "waiting":
                 members = archive.members()
                 with self._database.write() as session:

@@ -1,22 +1,26 @@
 """Zip archives: a file in; its members, each with its bytes or the reason of its refusal, out.
 
-Sizes in headers are compared with the limits and not trusted after that: bytes are counted while they are
-unpacked. No member is written to disk.
+A confined process reads the directory. Sizes in it are compared with the limits and not trusted after that:
+bytes are counted while they are unpacked. No member is written to disk.
 """
 
 import re
 import stat
+import struct
 import zipfile
+import zlib
 from collections import Counter
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
-from core.errors import CoreError
+from pydantic import Field, TypeAdapter, ValidationError
+
+from core.errors import CoreError, MeshTooComplexError
 from core.io import format_of
-from service.errors import ServiceError
+from service.errors import ServiceError, TaskTimeLimitError, WorkerCrashedError
 from service.settings import Settings
 from service.shapes.fields import base_name, clean_name
 
@@ -33,7 +37,9 @@ ENTRY_BYTES = 512
 
 LEAST_DIRECTORY_BYTES = 1024 * 1024
 
-# For other methods the library does not limit the size of the output, nor the memory of lzma.
+AFTER_DIRECTORY = 128 * 1024
+"""More bytes than can follow the directory: three records, and a comment of 64 KiB."""
+
 METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
 ENCRYPTED = 0x1 | 0x40 | 0x2000
 
@@ -41,6 +47,16 @@ _MAGIC = (b"PK\x03\x04", b"PK\x05\x06")
 _NESTED = frozenset({"zip", "tar", "gz", "tgz", "bz2", "tbz2", "xz", "txz", "zst", "7z", "rar"})
 _DRIVE = re.compile(r"[A-Za-z]:")
 _UNSHOWN = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
+# A local header ends with the lengths of the name and of the extra fields, which follow it.
+_LOCAL_HEADER = struct.Struct("<4s22xHH")
+
+_Count = Annotated[int, Field(ge=0, lt=2**63)]
+_DIRECTORY = TypeAdapter(
+    tuple[_Count, list[tuple[str, _Count, _Count, _Count, _Count, _Count, _Count, _Count]]]
+)
+
+ReadDirectory = Callable[[bytes, int, int], bytes]
+"""Reads the directory of a ZIP: `service.compute.sandbox.zip_directory`."""
 
 MemberFault = ServiceError | CoreError
 """The reason to refuse a member; its `kind` is that of the problem."""
@@ -91,8 +107,31 @@ def check_zip(file: BinaryIO) -> None:
         raise UnknownArchiveError("the file is not a zip")
 
 
+@dataclass(frozen=True)
+class _Entry:
+    """An entry of the directory; sizes in bytes, `offset` of its local header."""
+
+    path: str
+    flags: int
+    method: int
+    external_attributes: int
+    offset: int
+    packed_size: int
+    size: int
+    checksum: int
+
+
 class ZipArchive:
     """A zip. Its members except folders have positions from 0.
+
+    Parameters
+    ----------
+    file : file
+        The zip, open for reading.
+    limits : Settings
+        The limits of archives and uploads.
+    read_directory : callable
+        Reads the directory, in a confined process.
 
     Raises
     ------
@@ -102,31 +141,36 @@ class ZipArchive:
         Its directory cannot be read.
     """
 
-    def __init__(self, file: BinaryIO, limits: Settings) -> None:
-        self._limits = limits
-        most = limits.max_archive_files
-        self._file = _BoundedFile(file, max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * most))
-        try:
-            self._zip = zipfile.ZipFile(self._file)
-        except ServiceError:
-            raise
-        # Hostile directories can make the library raise any exception.
-        except Exception as error:
-            raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
-        infos = self._zip.infolist()
-        if len(infos) > most:
-            raise ArchiveTooLargeError(f"it has {len(infos)} members, more than {most}")
-        self._infos = [info for info in infos if not info.is_dir()]
+    def __init__(self, file: BinaryIO, limits: Settings, read_directory: ReadDirectory) -> None:
+        self._file, self._limits = file, limits
+        self._entries = self._directory(read_directory)
         # The buffers of glTF by their folder, and their bytes together.
-        self._buffers: dict[str, list[zipfile.ZipInfo]] = {}
+        self._buffers: dict[str, list[_Entry]] = {}
         self._buffer_bytes: Counter[str] = Counter()
-        for info in self._infos:
-            if info.orig_filename.lower().endswith(".bin"):
+        for entry in self._entries:
+            if entry.path.lower().endswith(".bin"):
                 with suppress(MemberError):
-                    _check_header(info, limits)
-                    folder = _normalised(info.orig_filename).rpartition("/")[0]
-                    self._buffers.setdefault(folder, []).append(info)
-                    self._buffer_bytes[folder] += info.file_size
+                    _check_entry(entry, limits)
+                    folder = _normalised(entry.path).rpartition("/")[0]
+                    self._buffers.setdefault(folder, []).append(entry)
+                    self._buffer_bytes[folder] += entry.size
+
+    def _directory(self, read_directory: ReadDirectory) -> list[_Entry]:
+        most = self._limits.max_archive_files
+        size = self._file.seek(0, 2)
+        longest = max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * most) + AFTER_DIRECTORY
+        self._file.seek(max(0, size - longest))
+        try:
+            count, entries = _DIRECTORY.validate_json(read_directory(self._file.read(longest), size, most))
+        except MeshTooComplexError as error:
+            raise ArchiveTooLargeError(str(error)) from error
+        except ValidationError as error:
+            raise MalformedArchiveError("the archive's directory cannot be read") from error
+        except (ValueError, MemoryError, TaskTimeLimitError, WorkerCrashedError) as error:
+            raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
+        if count > most:
+            raise ArchiveTooLargeError(f"it has {count} members, more than {most}")
+        return [_Entry(*entry) for entry in entries]
 
     def members(self) -> list[ArchiveMember]:
         """List all members by the directory.
@@ -139,8 +183,8 @@ class ZipArchive:
         members: list[ArchiveMember] = []
         paths: set[str] = set()
         total = 0
-        for info in self._infos:
-            path = info.orig_filename
+        for entry in self._entries:
+            path = entry.path
             shown_path = shown(path)[:PATH_CHARACTERS]
             try:
                 normalised = _normalised(path)
@@ -148,10 +192,10 @@ class ZipArchive:
                     raise MemberError("member-repeated", "a member of the archive before it has this name")
                 name = _checked_name(path)
                 paths.add(normalised)
-                _check_header(info, self._limits)
+                _check_entry(entry, self._limits)
                 format_of(base_name(path))
                 members.append(ArchiveMember(shown_path, name, None))
-                total += info.file_size
+                total += entry.size
                 if normalised.lower().endswith(".gltf"):
                     total += self._buffer_bytes[normalised.rpartition("/")[0]]
             except (ServiceError, CoreError) as error:
@@ -163,74 +207,71 @@ class ZipArchive:
 
     def read(self, wanted: Container[int]) -> Iterator[tuple[int, bytes | MemberFault]]:
         """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order."""
-        for position, info in enumerate(self._infos):
+        for position, entry in enumerate(self._entries):
             if position in wanted:
                 try:
-                    yield position, self._unpacked(info)
+                    yield position, self._unpacked(entry)
                 except MemberError as error:
                     yield position, error
 
-    def _unpacked(self, info: zipfile.ZipInfo) -> bytes:
+    def _unpacked(self, entry: _Entry) -> bytes:
         """Unpack a member; a glTF and the buffers in its folder become a ZIP of them all."""
-        beside: list[zipfile.ZipInfo] = []
-        if info.orig_filename.lower().endswith(".gltf"):
-            beside = self._buffers.get(_normalised(info.orig_filename).rpartition("/")[0], [])
+        beside: list[_Entry] = []
+        if entry.path.lower().endswith(".gltf"):
+            beside = self._buffers.get(_normalised(entry.path).rpartition("/")[0], [])
         if not beside:
-            return self._unpacked_alone(info)
+            return self._unpacked_alone(entry)
         bundle = BytesIO()
         with zipfile.ZipFile(bundle, "w") as files:
-            for member in (info, *beside):
+            for member in (entry, *beside):
                 # The earliest time that a ZIP can hold: the same members give the same bytes.
-                entry = zipfile.ZipInfo(_normalised(member.orig_filename), (1980, 1, 1, 0, 0, 0))
-                files.writestr(entry, self._unpacked_alone(member))
+                info = zipfile.ZipInfo(_normalised(member.path), (1980, 1, 1, 0, 0, 0))
+                files.writestr(info, self._unpacked_alone(member))
                 _check_size(self._limits, bundle.tell(), bundle.tell())
         return bundle.getvalue()
 
-    def _unpacked_alone(self, info: zipfile.ZipInfo) -> bytes:
+    def _unpacked_alone(self, entry: _Entry) -> bytes:
         """Unpack a member and check the limits meanwhile."""
         data = bytearray()
-        before = self._file.taken
-        try:
-            with self._zip.open(info) as opened:
-                while piece := opened.read(PIECE):
-                    data += piece
-                    _check_size(self._limits, len(data), self._file.taken - before)
-        except ServiceError:
-            raise
-        except Exception as error:
-            raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
-        if len(data) != info.file_size:
-            raise MemberError("member-damaged", "it has fewer bytes than the directory says")
+        for piece, packed in self._pieces(entry):
+            data += piece
+            _check_size(self._limits, len(data), packed)
+        if len(data) != entry.size or zlib.crc32(data) != entry.checksum:
+            raise MemberError("member-damaged", "its bytes are not those that the directory describes")
         return bytes(data)
+
+    def _pieces(self, entry: _Entry) -> Iterator[tuple[bytes, int]]:
+        """Yield pieces of a member, of at most `PIECE` bytes, and the packed bytes read so far."""
+        self._file.seek(entry.offset)
+        header = self._file.read(_LOCAL_HEADER.size)
+        if len(header) < _LOCAL_HEADER.size or not header.startswith(_MAGIC[0]):
+            raise MemberError("member-damaged", "it is not where the directory says")
+        _, name_length, extra_length = _LOCAL_HEADER.unpack(header)
+        self._file.seek(name_length + extra_length, 1)
+        inflater = zlib.decompressobj(-zlib.MAX_WBITS)
+        packed = 0
+        while packed < entry.packed_size:
+            data = self._file.read(min(PIECE, entry.packed_size - packed))
+            if not data:
+                raise MemberError("member-damaged", "the archive ends within it")
+            packed += len(data)
+            if entry.method == zipfile.ZIP_STORED:
+                yield data, packed
+                continue
+            while data:
+                try:
+                    piece = inflater.decompress(data, PIECE)
+                except zlib.error as error:
+                    raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
+                yield piece, packed
+                data = inflater.unconsumed_tail
+        if entry.method != zipfile.ZIP_STORED:
+            yield inflater.flush(), packed
 
 
 def shown(text: str) -> str:
     """Replace unprintable characters of a text, so that it can be stored and displayed."""
     return _UNSHOWN.sub("\ufffd", text)
-
-
-class _BoundedFile:
-    """A file that limits the size of one read: the library reads the whole directory at once.
-
-    `taken` counts the bytes that were read.
-    """
-
-    def __init__(self, file: BinaryIO, most: int) -> None:
-        self._file = file
-        self._most = most
-        self._size = file.seek(0, 2)
-        self.seek, self.tell, self.seekable = file.seek, file.tell, lambda: True
-        self.taken = 0
-
-    def read(self, size: int = -1) -> bytes:
-        """Read `size` bytes, or all remaining ones."""
-        if size < 0:
-            size = max(0, self._size - self._file.tell())
-        if size > self._most:
-            raise ArchiveTooLargeError("its directory is too long for the largest number of members")
-        data = self._file.read(size)
-        self.taken += len(data)
-        return data
 
 
 def _normalised(path: str) -> str:
@@ -257,18 +298,18 @@ def _checked_name(path: str) -> str:
     return name
 
 
-def _check_header(info: zipfile.ZipInfo, limits: Settings) -> None:
+def _check_entry(entry: _Entry, limits: Settings) -> None:
     """Raise if the directory says that a member is no plain file of a size that is taken."""
-    kind = stat.S_IFMT(info.external_attr >> 16)
+    kind = stat.S_IFMT(entry.external_attributes >> 16)
     if kind and not stat.S_ISREG(kind):
         raise MemberError("member-kind", "it is a link" if stat.S_ISLNK(kind) else "it is not a regular file")
-    if info.flag_bits & ENCRYPTED:
+    if entry.flags & ENCRYPTED:
         raise MemberError("member-encrypted", "it is encrypted")
-    if info.compress_type not in METHODS:
+    if entry.method not in METHODS:
         raise MemberError(
             "member-kind", "its compression method is not supported; deflate is, and no compression"
         )
-    _check_size(limits, info.file_size)
+    _check_size(limits, entry.size)
 
 
 def _check_size(limits: Settings, unpacked: int, packed: int | None = None) -> None:

@@ -14,6 +14,7 @@ import pytest
 from sqlalchemy import select, update
 
 from service.collection import DEFAULT_COLLECTION
+from service.compute import sandbox
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
 from service.jobs import endpoints
 from service.jobs import service as jobs_service
@@ -404,6 +405,14 @@ def test_a_job_that_cannot_be_gone_on_with_fails_and_the_next_has_its_turn(
     assert {file["outcome"] for file in files(clean.client, job_id)} == {"cancelled"}
     wait_until(lambda: not archives(clean), seconds=30)
     assert ended(clean.client, begun(clean.client, pack(meshes(range(3)))))["counts"]["stored"] == 3
+
+
+def test_the_directory_is_read_in_a_confined_process(clean: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_arguments: object) -> None:
+        raise AssertionError("the serving process reads a directory")
+
+    monkeypatch.setattr(sandbox, "zip_directory", fail)
+    assert ended(clean.client, begun(clean.client, pack(meshes(range(2)))))["counts"]["stored"] == 2
 
 
 @on_both

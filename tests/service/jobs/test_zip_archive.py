@@ -10,9 +10,12 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from service.compute.sandbox import zip_directory
+from service.errors import TaskTimeLimitError, WorkerCrashedError
 from service.jobs.zip_archive import (
     ArchiveTooLargeError,
     MalformedArchiveError,
+    MemberError,
     UnknownArchiveError,
     ZipArchive,
     check_zip,
@@ -29,7 +32,7 @@ NOISE = np.random.default_rng(0).bytes(200_000)
 
 def faults(data: bytes, limits: Settings = LIMITS) -> dict[str, str | None]:
     """Return each member's path and the kind of its fault, by its header or by its bytes."""
-    archive = ZipArchive(io.BytesIO(data), limits)
+    archive = ZipArchive(io.BytesIO(data), limits, zip_directory)
     members = archive.members()
     kinds = {member.path: member.fault and member.fault.kind for member in members}
     sound = {position: member.path for position, member in enumerate(members) if member.fault is None}
@@ -41,9 +44,12 @@ def faults(data: bytes, limits: Settings = LIMITS) -> dict[str, str | None]:
 
 def contents(data: bytes) -> dict[str, bytes]:
     """Return the bytes of each member that is read."""
-    file = io.BytesIO(data)
-    check_zip(file)
-    archive = ZipArchive(file, LIMITS)
+    check_zip(io.BytesIO(data))
+    return contents_of(data)
+
+
+def contents_of(data: bytes) -> dict[str, bytes]:
+    archive = ZipArchive(io.BytesIO(data), LIMITS, zip_directory)
     paths = {position: member.path for position, member in enumerate(archive.members())}
     members = archive.read(paths)
     return {paths[position]: content for position, content in members if isinstance(content, bytes)}
@@ -72,7 +78,7 @@ def test_members_come_back_bit_for_bit_and_in_order() -> None:
     data = pack(files)
     assert list(contents(data).items()) == list(files.items())
     assert set(faults(data).values()) == {None}
-    wanted = dict(ZipArchive(io.BytesIO(data), LIMITS).read({1, 4}))
+    wanted = dict(ZipArchive(io.BytesIO(data), LIMITS, zip_directory).read({1, 4}))
     assert list(wanted.items()) == [(i, files[f"class {i % 3}/mesh {i}.off"]) for i in (1, 4)]
 
 
@@ -98,7 +104,7 @@ def test_names_that_lead_elsewhere_or_are_no_meshes() -> None:
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_the_first_of_one_name_is_taken() -> None:
     data = pack([("a.off", b"1"), ("./a.off", b"2"), ("b/a.off", b"3"), ("a.off", b"4")])
-    archive = ZipArchive(io.BytesIO(data), LIMITS)
+    archive = ZipArchive(io.BytesIO(data), LIMITS, zip_directory)
     kinds = [member.fault and member.fault.kind for member in archive.members()]
     assert kinds == [None, "member-repeated", None, "member-repeated"]
     assert dict(archive.read({0, 2})) == {0: b"1", 2: b"3"}
@@ -172,3 +178,40 @@ def test_archives_with_bytes_changed_are_read_or_refused() -> None:
         except (ArchiveTooLargeError, MalformedArchiveError, UnknownArchiveError):
             continue
         assert len(members) <= len(files)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"null",
+        b"[1, [[]]]",
+        b'[1, [["a.off", 0, 0, 0, -1, 0, 0, 0]]]',
+        b'[1, [["a.off", 0, 0, 0, 1e99, 0, 0, 0]]]',
+    ],
+)
+def test_the_reader_of_the_directory_is_not_trusted(answer: bytes) -> None:
+    with pytest.raises(MalformedArchiveError):
+        ZipArchive(io.BytesIO(pack({"a.off": b"x"})), LIMITS, lambda *_: answer)
+
+
+@pytest.mark.parametrize("error", [ValueError, MemoryError, TaskTimeLimitError, WorkerCrashedError])
+def test_a_directory_that_its_reader_cannot_read(error: type[Exception]) -> None:
+    def read_directory(*_: object) -> bytes:
+        raise error("why")
+
+    with pytest.raises(MalformedArchiveError, match="why"):
+        ZipArchive(io.BytesIO(pack({"a.off": b"x"})), LIMITS, read_directory)
+
+
+def test_a_directory_that_points_elsewhere() -> None:
+    elsewhere = b'[1, [["a.off", 0, 0, 0, 9223372036854775807, 1, 1, 0]]]'
+    archive = ZipArchive(io.BytesIO(pack({"a.off": b"x"})), LIMITS, lambda *_: elsewhere)
+    ((_, content),) = archive.read({0})
+    assert isinstance(content, MemberError)
+    assert content.kind == "member-damaged"
+
+
+def test_bytes_before_and_after_the_zip() -> None:
+    data = b"#!/bin/sh\n" * 20 + pack({"a.off": NOISE, "b.off": b"b"})
+    assert contents_of(data) == {"a.off": NOISE, "b.off": b"b"}
