@@ -24,6 +24,10 @@ from service.settings import SettingsError, load_parameters, load_settings
 PROBE = httpx.Timeout(5.0)
 END_SECONDS = 1.0
 
+SOUND_PYTHONS = {(3, 11): 10, (3, 12): 6}
+"""The first patch release of each Python without known holes that requests reach: ZIPs whose members overlap
+(CVE-2024-0450) and cookies that take quadratic time (CVE-2024-7592). Later Pythons have none of them."""
+
 
 def serve_command(
     host: Annotated[
@@ -61,11 +65,23 @@ def serve_command(
         settings = settings.model_copy(update={"host": host or settings.host})
         with nullcontext() if shared else _alone(settings.database_url, url):
             say(f"Isoshape starts on {url}")
+            warn_of_python(sys.version_info[:3])
             with (
                 compiling(load_parameters(settings.pipeline), settings.scheduler),
                 told_when_ready(bound, url),
             ):
                 run(create_app(settings), bound, settings.shutdown_seconds)
+
+
+def warn_of_python(version: tuple[int, int, int]) -> None:
+    """Say that a Python has known holes, if it has."""
+    sound = SOUND_PYTHONS.get(version[:2], 0)
+    if version[2] < sound:
+        series = ".".join(map(str, version[:2]))
+        say(
+            f"Warning: Python {series}.{version[2]} has known security holes that requests can reach; "
+            f"update to {series}.{sound} or newer."
+        )
 
 
 def _alone(database_url: str, url: str) -> AbstractContextManager[object]:

@@ -10,6 +10,7 @@ import pytest
 from service.app import create_app
 from service.auth.keys import digest_of
 from service.cli import demo, service_address
+from service.cli.serve import warn_of_python
 from service.client import Client, ClientError, ProblemError
 from service.server.process import is_loopback
 from service.server.uvicorn_server import in_thread
@@ -61,7 +62,8 @@ def test_a_public_address_with_a_key(run: Run, monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr("service.server.uvicorn_server.run", lambda app, bound, seconds: None)
     monkeypatch.setenv(f"ISOSHAPE_{name}", "0" * 64)
     done = run("serve", "--host", "0.0.0.0", "--port", 0)
-    assert (done.status, done.stderr[:30]) == (0, "Isoshape starts on http://0.0.")
+    assert done.status == 0
+    assert "Isoshape starts on http://0.0." in done.stderr
 
 
 def test_loopback_addresses() -> None:
@@ -135,3 +137,16 @@ def test_the_demo_shows_how_to_send_the_key_and_not_the_key(capsys: pytest.Captu
     first, second = capsys.readouterr().out.splitlines()
     assert first == 'curl -H "X-API-Key: $ISOSHAPE_API_KEY" -F file=@a.ply http://127.0.0.1:1/query'
     assert second == "curl -F file=@a.ply http://127.0.0.1:1/query"
+
+
+@pytest.mark.parametrize(
+    ("version", "warned"),
+    [((3, 11, 9), True), ((3, 11, 10), False), ((3, 12, 5), True), ((3, 12, 6), False), ((3, 13, 0), False)],
+)
+def test_a_python_with_known_holes_is_named(
+    version: tuple[int, int, int], warned: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warn_of_python(version)
+    said = capsys.readouterr().err
+    assert said.startswith(f"Warning: Python {'.'.join(map(str, version))} ") == warned
+    assert bool(said) == warned
