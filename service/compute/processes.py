@@ -7,10 +7,11 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ ASK_SECONDS = 0.25
 SEND_SECONDS = 30.0
 # A process that has closed its end of the pipe ends soon, but on a busy machine not at once.
 END_SECONDS = 10.0
-# A worker that stands still so long, as a debugger or an operator may have it, is replaced.
+# A worker or fork server that stands still so long, as a debugger or an operator may have it, is replaced.
 STOPPED_SECONDS = 5.0
 # Signals of a process that crashes by itself; a process that is stopped gets another signal.
 CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
@@ -60,6 +61,57 @@ def fork_server() -> ForkServerContext | SpawnContext:
     return context
 
 
+def is_stopped(pid: int) -> bool:
+    """Return whether a signal or a debugger has stopped a process; False without /proc."""
+    try:
+        # The state follows the name, which is in brackets and may hold anything.
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b") ")[2][:1] in {b"T", b"t"}
+    except OSError:
+        return False
+
+
+@contextmanager
+def _fork_server_goes_on() -> Iterator[None]:
+    """Kill the fork server if it stands still during the block, which waits for it; the next is a new one.
+
+    The fork server sends the process ids of new processes, and the exit codes of ended ones.
+    """
+    over = threading.Event()
+
+    def watch() -> None:
+        going = time.monotonic()
+        while not over.wait(ASK_SECONDS):
+            pid = getattr(forkserver._forkserver, "_forkserver_pid", None)
+            if pid is None or not is_stopped(pid):
+                going = time.monotonic()
+            elif time.monotonic() > going + STOPPED_SECONDS:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watcher.join()
+
+
+def _started(arguments: dict[str, Any]) -> BaseProcess:
+    """Start a process with arguments of `multiprocessing.Process`; a dead fork server is replaced once."""
+    for tries_left in reversed(range(2)):
+        process = fork_server().Process(**arguments, daemon=True)
+        try:
+            with _fork_server_goes_on():
+                process.start()
+        except (EOFError, OSError) as error:
+            if not tries_left:
+                raise WorkerLostError("the fork server died") from error
+        else:
+            return process
+    raise AssertionError
+
+
 class WorkerProcess:
     """A process that answers one call at a time. One thread calls; any thread may kill the process.
 
@@ -75,14 +127,15 @@ class WorkerProcess:
     def __init__(self, *, answer_bytes: int | None = None) -> None:
         self._answer_bytes = answer_bytes
         self._connection: Connection[Any, Any]
-        context = fork_server()
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(
-            target=serve, args=(theirs,), kwargs={"untrusted": answer_bytes is not None}, daemon=True
-        )
-        self._process.start()
+        self._connection, theirs = multiprocessing.Pipe()
+        arguments = {"target": serve, "args": (theirs,), "kwargs": {"untrusted": answer_bytes is not None}}
+        with theirs:
+            try:
+                self._process = _started(arguments)
+            except BaseException:
+                self._connection.close()
+                raise
         self.started = time.monotonic()
-        theirs.close()
 
     @property
     def pid(self) -> int:
@@ -96,14 +149,6 @@ class WorkerProcess:
             return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * resource.getpagesize()
         except OSError:
             return 0
-
-    def stopped(self) -> bool:
-        """Return whether a signal or a debugger has stopped the process; False without /proc."""
-        try:
-            # The state follows the name, which is in brackets and may hold anything.
-            return Path(f"/proc/{self.pid}/stat").read_bytes().rpartition(b") ")[2][:1] in {b"T", b"t"}
-        except OSError:
-            return False
 
     def alive(self) -> bool:
         """Return whether the process runs."""
@@ -141,7 +186,7 @@ class WorkerProcess:
             while not self._connection.poll(max(0.0, min(ASK_SECONDS, end - time.monotonic()))):
                 if time.monotonic() >= end:
                     raise TaskTimeLimitError(f"the work took longer than the limit of {seconds:g} s")
-                if not self.stopped():
+                if not is_stopped(self.pid):
                     going = time.monotonic()
                 elif time.monotonic() > going + STOPPED_SECONDS:
                     raise WorkerLostError("the worker process was stopped; try again")
@@ -189,5 +234,8 @@ class WorkerProcess:
     def end(self) -> None:
         """Kill the process and release its resources."""
         self._process.kill()
-        self._process.join()
+        # Without a thread, in the usual case.
+        self._process.join(ASK_SECONDS)
+        with nullcontext() if self._process.exitcode is not None else _fork_server_goes_on():
+            self._process.join()
         self._connection.close()

@@ -112,6 +112,12 @@ def test_a_worker_that_dies_costs_the_task_it_had(workers: Pool) -> None:
     wait_until(lambda: len(workers.pids()) == 2, seconds=60)
 
 
+def fork_server_of(pool: LocalPool) -> int:
+    """Return the process id of the fork server."""
+    status = Path(f"/proc/{pool.pids()[0]}/status").read_text()
+    return int(status.partition("PPid:")[2].split()[0])
+
+
 def test_workers_that_die_idle_cost_nothing(pool: LocalPool) -> None:
     wait_until(lambda: len(pool.pids()) == 2, seconds=60)
     old = pool.pids()
@@ -125,8 +131,7 @@ def test_workers_that_die_idle_cost_nothing(pool: LocalPool) -> None:
 def test_a_fork_server_that_is_killed_costs_nothing(pool: LocalPool) -> None:
     wait_until(lambda: len(pool.pids()) == 2, seconds=60)
     old = pool.pids()
-    status = Path(f"/proc/{old[0]}/status").read_text()
-    fork_server = int(status.partition("PPid:")[2].split()[0])
+    fork_server = fork_server_of(pool)
     assert fork_server != os.getpid()
     os.kill(fork_server, signal.SIGKILL)
     assert [future.result() for future in [pool.submit(add, i, 1) for i in range(10)]] == list(range(1, 11))
@@ -262,6 +267,22 @@ def test_a_pool_that_is_killed_waits_for_nothing() -> None:
     assert isinstance(running.exception(), WorkerLostError)
     assert waiting.cancelled()
     assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_fork_server_that_stands_still_is_replaced(monkeypatch: pytest.MonkeyPatch, ends: bool) -> None:
+    """A new worker waits for its process id, and a dead one for its exit code."""
+    monkeypatch.setattr(processes, "STOPPED_SECONDS", 0.5)
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        wait_until(pool.pids, seconds=60)
+        (worker,) = pool.pids()
+        fork_server = fork_server_of(pool)
+        os.kill(fork_server, signal.SIGSTOP)
+        if not ends:
+            with pytest.raises(WorkerLostError):
+                pool.submit(die).result(timeout=60)
+            assert pool.submit(os.getpid).result(timeout=60) != worker
+    assert not processes.is_stopped(fork_server)
 
 
 def _never_warm() -> None:
