@@ -80,7 +80,10 @@ class RequestContext:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        sent_id = Headers(scope=scope).get(HEADER, "")
+        received = Headers(scope=scope)
+        sent_id = received.get(HEADER, "")
+        # A proxy in front may have measured the body otherwise (RFC 9112, section 6.3).
+        ambiguous = "content-length" in received and "transfer-encoding" in received
         identifier = sent_id if _ACCEPTABLE_ID.fullmatch(sent_id) else uuid.uuid4().hex
         token = request_id.set(identifier)
         status = 0
@@ -94,6 +97,8 @@ class RequestContext:
                 headers = MutableHeaders(scope=message)
                 headers[HEADER] = identifier
                 headers["X-Content-Type-Options"] = "nosniff"
+                if ambiguous:
+                    headers["Connection"] = "close"
                 if "etag" not in headers and headers.get("content-type", "").startswith(_PRIVATE):
                     headers.setdefault("Cache-Control", "no-store")
             await send(message)

@@ -257,3 +257,14 @@ def test_an_endless_body_that_nobody_reads_ends_with_the_answer(
                 connection.sendall(b"10000\r\n" + b"x" * 65536 + b"\r\n")
                 sent += 65536
     assert sent < 10 * MB
+
+
+def test_a_body_of_two_lengths_ends_the_connection(running: Running) -> None:
+    """What follows may be a request that a proxy has not seen (RFC 9112, section 6.3)."""
+    smuggled = b"0\r\n\r\nGET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    both = "Content-Length: 5", "Transfer-Encoding: chunked"
+    with connected(running, "POST /nothing", FULL, *both, body=smuggled) as connection:
+        connection.settimeout(20)
+        received = b"".join(iter(lambda: connection.recv(65536), b""))
+    assert received.count(b"HTTP/1.1 ") == 1
+    assert b"connection: close" in received.lower()
