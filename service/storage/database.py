@@ -26,7 +26,7 @@ from service.errors import ArchiveTooNewError, StorageFullError, StorageUnavaila
 from service.observability.logging import get_logger
 from service.observability.metrics import Metrics
 from service.storage.columns import POSTGRESQL
-from service.storage.postgresql import check_server, open_postgresql
+from service.storage.postgresql import StillServerWatch, check_server, open_postgresql
 from service.storage.sqlite import WRITES, ArchiveLock, DatabaseFile, open_sqlite, path_of, without_references
 from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, ShapeRow, Table
 
@@ -100,6 +100,7 @@ class Database:
         named = make_url(url)
         self._lock: ArchiveLock | None
         self._file: DatabaseFile | None
+        self._watch: StillServerWatch | None = None
         if named.get_backend_name() == "sqlite":
             self._engine = open_sqlite(named, lock_seconds=lock_seconds)
             self._lock = ArchiveLock(path_of(url))
@@ -107,6 +108,7 @@ class Database:
             self._writing_engine = self._engine.execution_options(**{WRITES: True})
         else:
             self._engine = open_postgresql(named, lock_seconds=lock_seconds)
+            self._watch = StillServerWatch(self._engine)
             self._lock = None
             self._file = None
             self._writing_engine = self._engine.execution_options(
@@ -182,6 +184,8 @@ class Database:
     def close(self) -> None:
         """Close every connection and release the lock of the archive."""
         self._engine.dispose()
+        if self._watch is not None:
+            self._watch.close()
         if self._lock is not None:
             self._lock.release()
 
@@ -191,7 +195,8 @@ class Database:
         metrics = self._metrics
         with metrics.database_sessions.track_inprogress(), metrics.database_seconds.labels(session).time():
             try:
-                yield
+                with nullcontext() if self._watch is None else self._watch.session():
+                    yield
             except (StorageFullError, StorageUnavailableError) as error:
                 metrics.database_failures.labels(error.kind).inc()
                 raise

@@ -5,8 +5,15 @@ depends on the pipeline. PostgreSQL updates the indexes with every write.
 """
 
 import math
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from typing import Any
+from weakref import WeakSet
 
 from sqlalchemy import (
     ColumnElement,
@@ -44,6 +51,10 @@ MORE_CONNECTIONS = 24
 # Without a time limit, a connection to a machine that has failed never ends.
 CONNECT_SECONDS = 5
 SILENCE_SECONDS = 10
+
+# The age of a session from which the server must take a new connection, and the time between two looks.
+LONG_SECONDS = 4.0
+LOOK_SECONDS = 1.0
 
 
 def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
@@ -88,6 +99,62 @@ def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
     )
     event.listen(engine, "begin", _begin)
     return engine
+
+
+class StillServerWatch:
+    """Ends the sessions of a server that stands still.
+
+    The system notices a machine that fails, but not a server that is stopped: it holds its connections and
+    answers none. While a session takes longer than `LONG_SECONDS`, a thread tries a new connection every
+    `LOOK_SECONDS`. If none is made within `CONNECT_SECONDS`, the thread shuts down all connections, and their
+    sessions fail.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._connections: WeakSet[Any] = WeakSet()
+        self._begun: dict[object, float] = {}
+        self._closed = threading.Event()
+        event.listen(engine, "connect", lambda connection, _record: self._connections.add(connection))
+        threading.Thread(target=self._look, daemon=True, name="isoshape-postgresql").start()
+
+    @contextmanager
+    def session(self) -> Iterator[None]:
+        """Watch a session, from before its connection to its end."""
+        key = object()
+        self._begun[key] = time.monotonic()
+        try:
+            yield
+        finally:
+            del self._begun[key]
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed.set()
+
+    def _look(self) -> None:
+        while not self._closed.wait(LOOK_SECONDS):
+            oldest = min(list(self._begun.values()), default=math.inf)
+            if time.monotonic() > oldest + LONG_SECONDS and not self._answers():
+                log.error("the database stands still: its sessions are ended")
+                for connection in list(self._connections):
+                    _shut_down(connection)
+
+    def _answers(self) -> bool:
+        """Return whether the server takes a new connection, or refuses it with a reason."""
+        arguments, keywords = self._engine.dialect.create_connect_args(self._engine.url)
+        dbapi = self._engine.dialect.import_dbapi()
+        try:
+            dbapi.connect(*arguments, **{**keywords, "connect_timeout": CONNECT_SECONDS}).close()
+        except dbapi.OperationalError as error:
+            return not isinstance(error, dbapi.errors.ConnectionTimeout)
+        return True
+
+
+def _shut_down(connection: Any) -> None:  # noqa: ANN401
+    """Have the reads and writes of a connection fail, in whatever thread they wait."""
+    with suppress(Exception), socket.socket(fileno=os.dup(connection.pgconn.socket)) as copy:
+        copy.shutdown(socket.SHUT_RDWR)
 
 
 def check_server(connection: Connection) -> None:

@@ -13,6 +13,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import psutil
 import psycopg
 import pytest
 from sqlalchemy import Connection, NullPool, create_engine, make_url
@@ -127,6 +128,20 @@ def stopped(mode: str) -> Iterator[None]:
         yield
     finally:
         server().ensure_postgres_running()
+
+
+@contextmanager
+def standing_still() -> Iterator[None]:
+    """The server and its processes hold their connections and answer none."""
+    leader = psutil.Process(server().get_postmaster_info().pid)
+    processes = [leader, *leader.children(recursive=True)]
+    for process in processes:
+        process.suspend()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.resume()
 
 
 @cache

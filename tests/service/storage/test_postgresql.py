@@ -19,7 +19,7 @@ from service.storage import postgresql
 from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database, migrate
-from tests.service.engines import bare, empty_database, on_postgresql, stopped, url_in
+from tests.service.engines import bare, empty_database, on_postgresql, standing_still, stopped, url_in
 from tests.service.support import assert_problem, query, serving, settings_in, small_file, upload, wait_until
 
 pytestmark = on_postgresql
@@ -94,6 +94,23 @@ def test_a_server_that_goes_away_under_load(tmp_path: Path, mode: str) -> None:
     report = check(copy, lock_seconds=1)
     assert report.faults == []
     assert report.shapes >= len(acknowledged)
+
+
+def test_a_server_that_stands_still_leaves_no_request_unanswered(tmp_path: Path) -> None:
+    with serving(settings_in(tmp_path)) as running:
+        shape_id = upload(running.client, small_file(0), "a.off").json()["id"]
+        with standing_still():
+            for path in ("/shapes", f"/shapes/{shape_id}", "/readyz"):
+                start = time.monotonic()
+                assert_problem(
+                    running.client.get(path),
+                    503,
+                    "storage-unavailable" if "readyz" not in path else "not-ready",
+                )
+                assert time.monotonic() - start < 20
+        wait_until(lambda: running.client.get("/readyz").status_code == 200, seconds=60)
+        assert running.client.get(f"/shapes/{shape_id}").status_code == 200
+        assert upload(running.client, small_file(1), "b.off").status_code == 201
 
 
 def test_a_server_that_is_not_there_is_said_at_the_start(tmp_path: Path) -> None:
