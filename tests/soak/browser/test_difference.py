@@ -70,7 +70,7 @@ def test_a_plate_with_one_hole_more(asked: Callable[[Mesh, Mesh], Page]) -> None
     # All else is grey.
     assert (np.ptp(query, axis=2) > 40).sum() > 40
     # The plate's vertices in the hole of 0.3 by 0.3 are 0.1 from its walls.
-    told = re.match(r"Brown: (\S+) in the units", page.inner_text("#cards .difference"))
+    told = re.match(r"Brown: (\S+) in the unit of the shape", page.inner_text("#cards .difference"))
     assert told is not None
     assert 0.095 < float(told[1]) < 0.3
 
