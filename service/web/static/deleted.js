@@ -68,7 +68,7 @@ export function deleted(shape) {
 /** @param {{ id: string, name: string }} shape */
 async function restore(shape) {
   try {
-    await ask(address(`shapes/${shape.id}/restore`), { method: "POST" });
+    await (await ask(address(`shapes/${shape.id}/restore`), { method: "POST" })).text();
     showError(errorBox);
     offer.replaceChildren(`${shape.name} was restored.`);
     offer.focus({ preventScroll: true });

@@ -21,7 +21,9 @@ const starting = byId("starting", HTMLElement);
 async function reason() {
   try {
     const answer = await fetch("readyz");
-    return answer.ok ? null : (await answer.json()).detail;
+    // Read also when it is not needed: an answer that is not stored by the browser stays open until it is read.
+    const { detail } = await answer.json();
+    return answer.ok ? null : detail;
   } catch {
     return "it does not answer";
   }

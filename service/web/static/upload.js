@@ -130,7 +130,7 @@ function follow(job, own) {
   const stop = button("Cancel", async () => {
     stop.disabled = true;
     try {
-      await ask(address(`jobs/${job.id}/cancel`), { method: "POST" });
+      await (await ask(address(`jobs/${job.id}/cancel`), { method: "POST" })).text();
     } catch (error) {
       fail(own, messageOf(error));
     }
