@@ -6,13 +6,16 @@ from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.errors import ParameterError
-from core.mesh.cleaning import clean, face_areas
+from core.mesh.cleaning import clean, distinct_faces, face_areas
 from core.mesh.mesh import Mesh
 from core.numerics.compilation import compiled, compiled_for_reading
 
 MOST_WORK = 1e8
 """The work of quadric collapses grows as the sum of the squared valences. Above this number (some seconds)
 vertices are clustered instead."""
+
+NEAR = 0.01
+"""Clustering ends when the number of faces is nearer to the wanted one than this share of it."""
 
 SHORT = 1.1
 """Vertices are clustered if quadric collapses leave more than this many times the wanted faces."""
@@ -47,8 +50,7 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
     wanted = max(4, round(amount * len(mesh.faces)))
     if wanted >= len(mesh.faces):
         return mesh
-    valences = np.bincount(mesh.faces.ravel()).astype(np.float64)
-    if float(valences @ valences) <= MOST_WORK:
+    if _collapses_in_time(mesh.faces):
         order = np.random.default_rng(seed).permutation(len(mesh.faces))
         points, faces = fast_simplification.simplify(
             mesh.vertices.copy(), mesh.faces[order].astype(np.int32), target_count=wanted
@@ -58,11 +60,17 @@ def decimate(mesh: Mesh, amount: float, seed: int) -> Mesh:
     return cluster_vertices(mesh, wanted, seed)
 
 
+def _collapses_in_time(faces: Ints) -> bool:
+    """Return whether the work of quadric collapses is at most `MOST_WORK`."""
+    valences = np.bincount(faces.ravel()).astype(np.float64)
+    return float(valences @ valences) <= MOST_WORK
+
+
 def cluster_vertices(mesh: Mesh, faces: int, seed: int) -> Mesh:
     """Merge the vertices in each cell of a cubic grid at their mean (Rossignac and Borrel 1993).
 
-    Bisection finds the cell size that comes nearest to the wanted number of distinct faces; the seed shifts
-    the grid. Raise NoTrianglesError if no cell size leaves a face.
+    Bisection finds the cell size that comes near to the wanted number of distinct faces; the seed shifts the
+    grid. Raise NoTrianglesError if no cell size leaves a face.
     """
     shift = np.random.default_rng(seed).random(3)
     low = mesh.vertices.min(axis=0)
@@ -73,6 +81,8 @@ def cluster_vertices(mesh: Mesh, faces: int, seed: int) -> Mesh:
         clustered = _clustered(mesh, low, size, shift)
         if len(clustered[1]) > 0 and abs(len(clustered[1]) - faces) < abs(len(best[1]) - faces):
             best = clustered
+        if abs(len(best[1]) - faces) <= NEAR * faces:
+            break
         least, most = (size, most) if len(clustered[1]) > faces else (least, size)
     return Mesh(*best)
 
@@ -85,10 +95,7 @@ def _clustered(mesh: Mesh, low: Floats, size: float, shift: Floats) -> tuple[Flo
     count = np.bincount(cell)
     points = np.stack([np.bincount(cell, weights=axis) / count for axis in mesh.vertices.T], axis=1)
     faces = cell[mesh.faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return points, faces[np.sort(first)]
+    return points, faces[distinct_faces(faces)]
 
 
 def check_amount(amount: float, least: float, most: float) -> None:
@@ -107,7 +114,9 @@ def simplify(mesh: Mesh, vertices: int) -> Mesh:
 
     Coordinates are rounded to six decimals first: every collapse on a planar part costs 0, and the last bits,
     which change with the pose, would decide between them. Large connected meshes are contracted before
-    (`contract_edges`). The mesh is in its normal frame, and has more vertices than are wanted.
+    (`contract_edges`). If the collapses would take too long (`MOST_WORK`), as around a vertex of very many
+    faces, `cluster_vertices` is used instead. The mesh is in its normal frame, and has more vertices than are
+    wanted.
     """
     points, faces = np.round(mesh.vertices, 6), mesh.faces
     most = FINENESS * vertices
@@ -117,9 +126,10 @@ def simplify(mesh: Mesh, vertices: int) -> Mesh:
         # may be far away, and faces flip. Rounding to a hundredth of an even mesh's sides prevents it.
         step = 0.01 * np.sqrt(float(face_areas(points, faces).sum()) / most)
         points = np.round(points / step) * step
-    points, faces = fast_simplification.simplify(
-        points, faces.astype(np.int32), target_reduction=1.0 - vertices / len(points)
-    )
+    share = vertices / len(points)
+    if not _collapses_in_time(faces):
+        return clean(cluster_vertices(Mesh(points, faces), round(share * len(faces)), 0)).mesh
+    points, faces = fast_simplification.simplify(points, faces.astype(np.int32), target_reduction=1.0 - share)
     return clean(Mesh(points, faces)).mesh
 
 

@@ -10,7 +10,7 @@ from core.arrays import Floats, Ints
 from core.graph.bridges import component_bridges
 from core.mesh.mesh import Mesh
 from core.spectral.delaunay import intrinsic_delaunay
-from core.spectral.lanczos import SymmetricFactor, least_eigenpairs
+from core.spectral.lanczos import CONVERGED, SymmetricFactor, least_eigenpairs
 
 DENSE_BELOW = 200
 """Below this number of vertices the dense eigensolver is faster."""
@@ -123,9 +123,13 @@ def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Fl
 
 
 def _with_restarts(factor: SymmetricFactor, size: int, count: int) -> tuple[Floats, Floats]:
-    """Return the least eigenpairs of a factored matrix after the first, by ARPACK from a fixed vector."""
+    """Return the least eigenpairs of a factored matrix after the first, by ARPACK from a fixed vector.
+
+    To the last bit, ARPACK would separate eigenvalues that are equal but for rounding, as the pages of a book
+    have by the thousand.
+    """
     inverse = LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(size)
-    values, vectors = eigsh(inverse, k=count + 1 + MORE, which="LM", v0=start)
+    values, vectors = eigsh(inverse, k=count + 1 + MORE, which="LM", v0=start, tol=CONVERGED)
     order = np.argsort(-values, kind="stable")[1 : count + 1]
     return 1.0 / values[order], vectors[:, order]

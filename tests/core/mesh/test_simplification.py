@@ -5,10 +5,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from core.evaluation.perturbation import subdivide
+from core.mesh import simplification as module
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import boundary_edges, component_labels, half_edges
 from core.mesh.mesh import Mesh
-from core.mesh.simplification import FINENESS, _quadrics, contract_edges, simplify
+from core.mesh.simplification import FINENESS, MOST_WORK, _quadrics, contract_edges, simplify
 from tests.core.shapes import box, icosphere, joined, shifted, turned
 
 WANTED = 600
@@ -32,6 +33,38 @@ def test_flat_sides_of_a_large_mesh_become_few_faces(extents, seed):
     small = simplify(block, WANTED)
     assert abs(len(small.vertices) - WANTED) < 0.05 * WANTED
     assert area(small.vertices, small.faces) == pytest.approx(area(block.vertices, block.faces), rel=0.01)
+
+
+def crowded(count, kind):
+    """Triangles around a point, apart from each other ("thistle") or not ("fan"), or around an edge."""
+    turns = np.linspace(0.0, 1.5 * np.pi, count + 1)
+    rim = np.stack([np.cos(turns), np.sin(turns), 0.3 * np.sin(5.0 * turns)], axis=1)
+    here = np.arange(count)
+    if kind == "thistle":
+        rim = np.concatenate([1.01 * rim[:count] + (0.0, 0.0, 0.01), rim])
+    second = {"fan": 2 + here, "thistle": 1 + count + here, "book": 0 * here + count + 2}[kind]
+    return Mesh(
+        np.concatenate([np.zeros((1, 3)), rim, [[0.0, 0.0, 1.0]]]),
+        np.stack([0 * here, 1 + here, second], axis=1),
+    )
+
+
+@pytest.mark.parametrize("kind", ["fan", "thistle", "book"])
+def test_the_work_around_a_vertex_of_many_faces_is_limited_and_the_surface_stays(kind, monkeypatch):
+    work, collapse = [], module.fast_simplification.simplify
+
+    def counted(points, faces, **wanted):
+        valences = np.bincount(faces.ravel()).astype(float)
+        work.append(valences @ valences)
+        return collapse(points, faces, **wanted)
+
+    monkeypatch.setattr(module.fast_simplification, "simplify", counted)
+    mesh = clean(crowded(40_000, kind)).mesh
+    small = simplify(mesh, WANTED)
+    assert max(work, default=0.0) <= MOST_WORK
+    assert len(small.vertices) < 2 * WANTED
+    for extreme in (np.min, np.max):
+        assert extreme(small.vertices, axis=0) == pytest.approx(extreme(mesh.vertices, axis=0), abs=0.1)
 
 
 def test_plates_close_to_each_other_stay_apart():

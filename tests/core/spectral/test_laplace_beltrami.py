@@ -18,6 +18,7 @@ from tests.core.shapes import (
     scaled,
     shifted,
     soup,
+    turned,
 )
 
 NAMED = ["loose parts", "box", "sheet", "three sheets on an edge", "two blobs"]
@@ -141,3 +142,23 @@ def test_a_flower_of_many_nearly_equal_petals_is_solved_with_restarts(monkeypatc
     assert values == pytest.approx(expected, rel=1e-6)
     residual = stiffness @ functions - areas[:, None] * functions * values
     assert np.abs(residual).max() < 1e-4 * np.abs(stiffness @ functions).max()
+
+
+def test_the_pages_of_a_book_are_not_separated_to_the_last_bit(monkeypatch):
+    """Triangles around one edge have one eigenvalue, but for rounding."""
+    pages = 1000
+    angles = 2.0 * np.pi * np.arange(pages) / pages
+    rim = np.stack([np.cos(angles), np.sin(angles), 0.5 + 0.3 * np.sin(3.0 * angles)], axis=1)
+    here = np.arange(pages)
+    faces = np.stack([0 * here, 0 * here + 1, 2 + here], axis=1)
+    book = turned(Mesh(np.concatenate([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], rim]), faces), 2)
+    stiffness, areas = laplacian(book)
+    expected = eigh(stiffness.toarray(), np.diag(areas), subset_by_index=(1, 30), eigvals_only=True)
+    assert np.ptp(expected[1:]) < 1e-9 * expected[1]
+    monkeypatch.setattr(module, "DENSE_UP_TO", 0)
+    solutions, solve = [], module.SymmetricFactor.solve
+    monkeypatch.setattr(
+        module.SymmetricFactor, "solve", lambda factor, right: solutions.append(1) or solve(factor, right)
+    )
+    assert laplace_beltrami(book, 30)[0] == pytest.approx(expected, rel=1e-9)
+    assert len(solutions) < pages / 2
