@@ -1,6 +1,7 @@
 """Reading and writing 3MF: a ZIP of XML models, whose build items place meshes or assemblies of objects."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 
@@ -90,29 +91,32 @@ def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Pl
 def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
     """Return the objects of all referenced models, and the build items and the unit of the first model."""
     first = package.model()
-    root = Model(package, first, limits)
-    solids = dict(root.solids)
-    seen = {first}
-    waiting = [root]
+    solids: dict[Key, Solid] = {}
+    items: list[Placed] = []
+    unit = 0.0
+    counts = Counter[str]()
+    seen, waiting = {first}, [first]
     while waiting:
-        model = waiting.pop()
-        references = [
-            *(model.items if model is root else ()),
-            *(p for s in model.solids.values() for p in s.components),
-        ]
-        for part in dict.fromkeys(reference.key[0] for reference in references):
-            if part in seen:
-                continue
-            seen.add(part)
-            within(len(seen), _MODELS, "models")
-            referenced = Model(package, part, limits)
-            if referenced.unit != root.unit:
-                raise MalformedMeshError("the models in the 3MF have different units")
-            solids.update(referenced.solids)
-            within(sum(len(s.vertices) for s in solids.values()), limits.vertices, "vertices")
-            within(sum(len(s.faces) for s in solids.values()), limits.faces, "triangles")
-            waiting.append(referenced)
-    return solids, root.items, root.unit
+        part = waiting.pop()
+        model = Model(package, part, limits)
+        if part == first:
+            items, unit = model.items, model.unit
+        elif model.unit != unit:
+            raise MalformedMeshError("the models in the 3MF have different units")
+        solids.update(model.solids)
+        references = list(items) if part == first else []
+        for solid in model.solids.values():
+            counts.update(vertices=len(solid.vertices), triangles=len(solid.faces))
+            references += solid.components
+        counts.update(components=len(references))
+        within(counts["vertices"], limits.vertices, "vertices")
+        within(counts["triangles"], limits.faces, "triangles")
+        within(counts["components"], _VISITS_PER_PART * limits.parts, "components")
+        parts = {reference.key[0] for reference in references} - seen
+        seen |= parts
+        within(len(seen), _MODELS, "models")
+        waiting += sorted(parts)
+    return solids, items, unit
 
 
 def _refuse_circles(solids: dict[Key, Solid]) -> None:

@@ -17,7 +17,7 @@ from core.errors import (
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_mesh, read_parts, write_mesh
+from core.io import Limits, read_mesh, read_parts, threemf_model, write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, TRIANGLES, faulty
 from tests.core.io.threemf_files import (
@@ -207,6 +207,24 @@ def test_messages():
     ):
         with pytest.raises(MeshError, match=words):
             read_mesh(data, "3mf")
+
+
+def test_components_are_counted_as_they_come(monkeypatch):
+    """Those of one model, and those of many."""
+    read, matrix = [], threemf_model._matrix
+    monkeypatch.setattr(threemf_model, "_matrix", lambda text: read.append(text) or matrix(text))
+    many = components(*[(1, None)] * 1_000)
+    others = {
+        f"3D/{n}.model": model(thing(1) + thing(2, components(*[(1, None)] * 60)), ()) for n in range(9)
+    }
+    for data in (
+        package(model(thing(1) + thing(2, many), [(2, None)])),
+        package(model(items=[(2, None, f"/3D/{n}.model") for n in range(9)]), others),
+    ):
+        read.clear()
+        with pytest.raises(MeshTooComplexError, match="components; the limit is 160"):
+            read_mesh(data, "3mf", limits=Limits(parts=10))
+        assert len(read) <= 230
 
 
 def test_a_bomb_is_refused_by_its_size_and_takes_no_memory():
