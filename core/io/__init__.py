@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from core.io.checks import DEFAULT_LIMITS, Limits
-    from core.io.formats import FORMATS, Format, by_ending, format_of, readable, writable
+    from core.io.formats import FORMATS, Form, Format, by_ending, format_of, readable, writable
     from core.io.parts import PATH_NAMES, Part, clean_name
     from core.io.read import MeshFile, read_file, read_mesh, read_parts, write_mesh
 
@@ -19,6 +19,7 @@ __all__ = [
     "DEFAULT_LIMITS",
     "FORMATS",
     "PATH_NAMES",
+    "Form",
     "Format",
     "Limits",
     "MeshFile",
@@ -36,7 +37,9 @@ __all__ = [
 
 _MODULES = {
     **dict.fromkeys(("DEFAULT_LIMITS", "Limits"), "checks"),
-    **dict.fromkeys(("FORMATS", "Format", "by_ending", "format_of", "readable", "writable"), "formats"),
+    **dict.fromkeys(
+        ("FORMATS", "Form", "Format", "by_ending", "format_of", "readable", "writable"), "formats"
+    ),
     **dict.fromkeys(("PATH_NAMES", "Part", "clean_name"), "parts"),
     **dict.fromkeys(("MeshFile", "read_file", "read_mesh", "read_parts", "write_mesh"), "read"),
 }

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from core.errors import UnknownFormatError
 
@@ -11,6 +11,14 @@ if TYPE_CHECKING:
     from core.io.checks import Content, Limits
     from core.io.parts import Part
     from core.mesh.mesh import Mesh
+
+
+class Form(NamedTuple):
+    """A form of the files of a format: their first bytes, the endings of their names and their media type."""
+
+    magic: bytes
+    endings: tuple[str, ...]
+    media_type: str
 
 
 @dataclass(frozen=True)
@@ -41,6 +49,8 @@ class Format:
         Whether files are assemblies, which `read_parts` splits.
     package : str
         The package that the reader needs beyond those of every installation; empty if none.
+    variants : tuple of Form
+        The forms of files that are read beside the one that is written; the first that fits is taken.
     """
 
     endings: tuple[str, ...]
@@ -53,6 +63,7 @@ class Format:
     face_bytes: int = 0
     splits: bool = False
     package: str = ""
+    variants: tuple[Form, ...] = ()
 
     @property
     def name(self) -> str:
@@ -78,6 +89,19 @@ class Format:
     def unit(self) -> str:
         """Return the unit of meshes that are read: "mm", or "" if the format does not state it."""
         return "mm" if self.millimetres else ""
+
+    @property
+    def written(self) -> Form:
+        """The form of the files that are written."""
+        others = {ending for form in self.variants for ending in form.endings}
+        own = tuple(ending for ending in self.endings if ending not in others)
+        return Form(self.magic, own, self.media_type)
+
+    def form_of(self, data: bytes) -> Form:
+        """Return the form of a file that is read."""
+        if data.startswith(self.magic):
+            return self.written
+        return next((form for form in self.variants if data.startswith(form.magic)), self.written)
 
     def read(self, data: bytes, limits: "Limits") -> "Content":
         """Return the mesh of a file, and warnings.
@@ -113,6 +137,10 @@ _TABLE = (
         y_up=True,
         vertex_bytes=12,
         face_bytes=12,
+        variants=(
+            Form(b"PK\x03\x04", ("zip",), "application/zip"),
+            Form(b"", ("gltf",), "model/gltf+json"),
+        ),
     ),
     Format(
         ("3mf",),

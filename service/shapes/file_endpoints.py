@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 
 from core.embedding import Embedding
 from core.errors import MeshTooComplexError
-from core.io import FORMATS, format_of, writable, write_mesh
+from core.io import FORMATS, Form, format_of, writable, write_mesh
 from core.mesh.mesh import Mesh
 from core.serialization import embedding_from_bytes
 from service.collection import CollectionNumber
@@ -60,7 +60,9 @@ ETAG_HEADER: dict[str, Any] = {
             "another format.",
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
-                for media_type in sorted({known.media_type for known in FORMATS.values()})
+                for media_type in sorted(
+                    {form.media_type for known in FORMATS.values() for form in (known, *known.variants)}
+                )
             },
         },
         304: {"description": "The client has the file already: its If-None-Match has the ETag."},
@@ -75,38 +77,46 @@ async def read_file(
     format: Annotated[
         WrittenFormat | None,
         Query(
-            description="Write the mesh in this format, unless the file has it already. obj, off and 3mf "
-            "have the exact coordinates, the others 32 bits of each. The written file has vertices and "
-            "triangles only. In 3mf the unit is the millimetre."
+            description="Write the mesh in this format, unless the file has it already: glb is binary, also "
+            "of a glTF that is JSON or a ZIP. obj, off and 3mf have the exact coordinates, the others 32 "
+            "bits of each. The written file has vertices and triangles only. In 3mf the unit is the "
+            "millimetre."
         ),
     ] = None,
 ) -> Response:
     """Return the bytes of the uploaded file, or its mesh in another format. HEAD gives the headers only."""
     known = request.headers.get("If-None-Match")
 
-    def read(session: ReadSession) -> tuple[ShapeRecord, str, str, bytes | None]:
+    def read(session: ReadSession) -> tuple[ShapeRecord, str, Form, bool, str, bytes | None]:
         shape = service.get(session, collection.number, shape_id)
         kind = shape.format if format is None else str(format)
-        tag = entity_tag(shape.sha256 if kind == shape.format else f"{shape.sha256}-{kind}")
-        wanted = request.method != "HEAD" and kind == shape.format and not is_known(known, tag)
-        data = file_repository.file_of(session, collection.number, shape_id) if wanted else None
-        return shape, kind, tag, data
+        form, stored, data = FORMATS[kind].written, kind == shape.format, None
+        if stored and FORMATS[kind].variants:
+            data = file_repository.file_of(session, collection.number, shape_id)
+            if format is None:
+                form = FORMATS[kind].form_of(data)
+            else:
+                stored = FORMATS[kind].form_of(data) == form
+        tag = entity_tag(shape.sha256 if stored else f"{shape.sha256}-{kind}")
+        if stored and data is None and request.method != "HEAD" and not is_known(known, tag):
+            data = file_repository.file_of(session, collection.number, shape_id)
+        return shape, kind, form, stored, tag, data
 
-    shape, kind, tag, data = await container.database.reading(read)
+    shape, kind, form, stored, tag, data = await container.database.reading(read)
     if is_known(known, tag):
         return Response(status_code=304, headers={"ETag": tag})
     size = shape.bytes
-    if kind != shape.format:
+    if not stored:
         with container.queue.admitted():
             data = await while_connected(request, exported(container, collection.number, shape, kind))
         size = len(data)
     headers = {
         "Content-Length": str(size),
         "ETag": tag,
-        "Content-Disposition": disposition(shape.name, kind),
+        "Content-Disposition": disposition(shape.name, form),
     }
     body = b"" if request.method == "HEAD" else data
-    return Response(body, media_type=FORMATS[kind].media_type, headers=headers)
+    return Response(body, media_type=form.media_type, headers=headers)
 
 
 @router.put(
@@ -253,14 +263,14 @@ def as_npz(embedding: Embedding) -> bytes:
     return buffer.getvalue()
 
 
-def disposition(name: str, format: str) -> str:
+def disposition(name: str, form: Form) -> str:
     """Return a Content-Disposition that saves the file under the shape's name (RFC 6266).
 
     Old clients read `filename`, where an underscore replaces unsafe characters; newer ones read `filename*`,
     where unsafe bytes are percent-encoded.
     """
-    if name.lower().rpartition(".")[2] not in FORMATS[format].endings:
-        name = f"{name}.{format}"
+    if name.lower().rpartition(".")[2] not in form.endings:
+        name = f"{name}.{form.endings[0]}"
     harmless = "".join(c if c.isascii() and (c.isalnum() or c in " .-_()") else "_" for c in name)
     return f"attachment; filename=\"{harmless}\"; filename*=UTF-8''{quote(name, safe='')}"
 

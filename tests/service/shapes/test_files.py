@@ -1,11 +1,16 @@
 """Files of every format: those that cannot be used are refused by cause; 3MF and STEP through the service."""
 
+import base64
+import io
+import json
+import zipfile
+
 import numpy as np
 import pytest
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import glb
+from tests.core.io.files import glb, gltf
 from tests.core.io.step_files import step_box
 from tests.core.io.threemf_files import mesh, model, package, thing
 from tests.service.support import Running, assert_problem, query, small_file, upload
@@ -85,6 +90,62 @@ def test_they_are_stored_sent_back_and_written_in_other_formats(shared: Running)
     written = shared.client.get(f"/shapes/{shape['id']}/file", params={"format": "off"}).content
     assert np.array_equal(read_mesh(written, "off").vertices, BOX.vertices)
     assert shared.client.get(f"/shapes/{shape['id']}/thumbnail.png").status_code == 200
+
+
+def zipped_gltf() -> bytes:
+    """A ZIP of a JSON and its buffer."""
+    tree, binary = gltf()
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("a.gltf", json.dumps({**tree, "buffers": [{**tree["buffers"][0], "uri": "a.bin"}]}))
+        archive.writestr("a.bin", binary)
+    return file.getvalue()
+
+
+def embedded_gltf() -> bytes:
+    """A JSON that holds its buffer."""
+    tree, binary = gltf()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    return json.dumps({**tree, "buffers": [{**tree["buffers"][0], "uri": uri}]}).encode()
+
+
+@pytest.mark.parametrize(
+    ("data", "name", "saved_as", "media_type"),
+    [
+        (embedded_gltf(), "cube.gltf", "cube.gltf", "model/gltf+json"),
+        (embedded_gltf(), "cube.glb", "cube.glb.gltf", "model/gltf+json"),
+        (zipped_gltf(), "cube.zip", "cube.zip", "application/zip"),
+        (zipped_gltf(), "cube.gltf", "cube.gltf.zip", "application/zip"),
+        (glb(), "cube.gltf", "cube.gltf.glb", "model/gltf-binary"),
+        (glb(), "cube.glb", "cube.glb", "model/gltf-binary"),
+    ],
+)
+def test_every_form_of_gltf_is_sent_back_as_what_it_is_and_glb_is_binary(
+    shared: Running, data: bytes, name: str, saved_as: str, media_type: str
+) -> None:
+    shape = shared.store(data, name)
+    assert shape["format"] == "glb"
+    address = f"/shapes/{shape['id']}/file"
+    for wanted, saved, kind in (
+        ({}, saved_as, media_type),
+        ({"format": "glb"}, name if name.endswith(".glb") else f"{name}.glb", "model/gltf-binary"),
+    ):
+        answer = shared.client.get(address, params=wanted)
+        assert (
+            answer.headers["content-type"],
+            answer.headers["content-disposition"].rpartition("''")[2],
+        ) == (
+            kind,
+            saved,
+        )
+        assert answer.content[:4] == b"glTF" if wanted else answer.content == data
+        assert np.array_equal(read_mesh(answer.content, "glb").vertices, read_mesh(data, "glb").vertices)
+        assert (answer.headers["etag"] == f'"{shape["sha256"]}"') == (answer.content == data)
+        head = shared.client.head(address, params=wanted)
+        for header in ("content-length", "content-type", "content-disposition", "etag"):
+            assert head.headers[header] == answer.headers[header]
+        tag = {"if-none-match": answer.headers["etag"]}
+        assert shared.client.get(address, params=wanted, headers=tag).status_code == 304
 
 
 def test_units_are_respected_across_formats(shared: Running) -> None:
