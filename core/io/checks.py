@@ -22,8 +22,8 @@ class Limits:
     faces : int
         Triangles after polygons are triangulated, counted for each instance.
     parts : int
-        Solids of an STL, objects and groups of an OBJ; instances of primitives of a GLB, of objects of a 3MF
-        and of parts of a STEP. Connected components are not parts.
+        Instances of primitives of a GLB, of objects of a 3MF and of parts of a STEP. Solids of an STL, groups
+        of an OBJ and connected components are not parts.
     distinct_parts : int
         Different parts of an assembly that is split.
     """

@@ -17,7 +17,6 @@ from core.mesh.mesh import Mesh
 _VERTEX = re.compile(rb"\n[ \t]*[vV][ \t]([^\n#]*+(?:(?<=\.)#[^\n#]*+)*)")
 # "fo" is the face of old versions.
 _FACE = re.compile(rb"\n[ \t]*(?:fo?|F)[ \t]+([^ \t\n#][^\n#]*)")
-_PART = re.compile(rb"\n[ \t]*(?:o|g|usemtl)[ \t]")
 _CONTINUATION = re.compile(rb"\\[ \t]*\n")
 _COMMENT = re.compile(rb"(?<!\.)#[^\n]*+")
 _TEXTURE_AND_NORMAL = re.compile(rb"/[^ \t\n]*")
@@ -36,7 +35,6 @@ def read(data: bytes, limits: Limits) -> Content:
         within(sum(1 for _ in _CONTINUATION.finditer(text)), limits.faces, "lines that go on")
         # A comment ends with its line all the same: many end in a folder's name.
         text = _CONTINUATION.sub(b" ", _COMMENT.sub(b"", text))
-    within(sum(1 for _ in _PART.finditer(text)), limits.parts, "objects, groups and changes of material")
     positions = coordinates(_lines(_VERTEX, text, limits.vertices, "vertices"))
     return Content(positions, _faces(text, positions, limits))
 

@@ -14,6 +14,7 @@ Start = Callable[[str, dict[str, str]], object]
 
 _MEMBERS = 65_536
 _PIECE = 1 << 20
+_UNBOUND_PREFIX = expat.errors.codes[expat.errors.XML_ERROR_UNBOUND_PREFIX]
 # An older expat begins again at the start of a tag or a comment whenever more of it comes.
 _TAG_BYTES = 4 << 20
 # Bytes that a row of a model takes in text, and bytes that the rest of a package may take.
@@ -132,7 +133,11 @@ class Package:
                 fed += len(piece)
                 within(fed - parser.CurrentByteIndex, _TAG_BYTES, "bytes in one tag or comment")
             parser.Parse(b"", True)
-        except expat.ExpatError:
+        except expat.ExpatError as error:
+            if error.code == _UNBOUND_PREFIX:
+                raise MalformedMeshError(
+                    "the XML of the 3MF uses a prefix that it does not declare"
+                ) from None
             raise MalformedMeshError("a part of the 3MF is not sound XML, or is cut short") from None
 
     def _pieces(self, name: str) -> Iterator[bytes]:

@@ -8,12 +8,21 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
 from core.io.checks import Content, Limits, declared
 from core.io.polygons import triangles
-from core.io.text import coordinates, counted_polygons, plain_text, rows, take, without_mark
+from core.io.text import (
+    coordinates,
+    counted_polygons,
+    plain_text,
+    rows,
+    take,
+    without_lists,
+    without_mark,
+)
 from core.io.trimesh_export import export
 from core.mesh.mesh import Mesh
 
@@ -30,6 +39,9 @@ _TYPES = {
 _STRIPS = "tristrips"
 _COMMENTS = re.compile(rb"\n[ \t]*comment[^\n]*")
 _LETTERS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q"}
+_LETTERS |= {"f2": "e", "f4": "f", "f8": "d"}
+# A whole number as a text of floats writes it.
+_FRACTION = re.compile(rb"\.0*(?![^ \t\n])")
 
 
 @dataclass(frozen=True)
@@ -80,15 +92,13 @@ def read(data: bytes, limits: Limits) -> Content:
     data = without_mark(data)
     header = _read_header(data)
     vertex, face = header.element("vertex"), header.element("face", "polygon", _STRIPS)
-    if vertex is None or not {"x", "y", "z"} <= {p.name for p in vertex.properties}:
+    if vertex is None or not {"x", "y", "z"} <= {p.name for p in vertex.properties if not p.length}:
         raise MalformedMeshError("the PLY declares no vertices with x, y and z")
-    if any(p.length for p in vertex.properties):
-        raise MalformedMeshError("the PLY has lists in its vertices, which are not read")
     if face is None or face.count == 0:
         raise NoTrianglesError("the PLY has no faces")
     index = face.property("vertex_indices", "vertex_index", "vertex_indexes")
-    if index is None or not index.length or index.value.startswith("f"):
-        raise MalformedMeshError("the faces of the PLY have no list of whole numbers called vertex_indices")
+    if index is None or not index.length:
+        raise MalformedMeshError("the faces of the PLY have no list called vertex_indices")
     declared(vertex.count, len(data), limits.vertices, "vertices")
     with_lists = [element.count for element in header.elements if any(p.length for p in element.properties)]
     declared(sum(with_lists), len(data), limits.faces, "faces and other rows with lists")
@@ -155,9 +165,7 @@ def _read_header(data: bytes) -> Header:
 def _property(words: list[str]) -> Property:
     """Parse the words after the keyword `property`."""
     match words:
-        case ["list", length, value, name] if (
-            length in _TYPES and value in _TYPES and _TYPES[length][0] != "f"
-        ):
+        case ["list", length, value, name] if length in _TYPES and value in _TYPES:
             return Property(name, _TYPES[value], _TYPES[length])
         case [value, name] if value in _TYPES:
             return Property(name, _TYPES[value], "")
@@ -198,11 +206,17 @@ def _read_text(
         else:
             deque(islice(lines, element.count), maxlen=0)
     rest = next(lines, None) is not None
-    if any(len(line.split()) != len(vertex.properties) for line in positions):
+    single = [p for p in vertex.properties if not p.length]
+    if len(single) < len(vertex.properties):
+        is_list = [bool(p.length) for p in vertex.properties]
+        positions = [b" ".join(without_lists(line.split(), is_list)) for line in positions]
+    if any(len(line.split()) != len(single) for line in positions):
         raise MalformedMeshError("a vertex of the PLY has more or fewer numbers than are declared")
     before = [bool(p.length) for p in face.properties[: face.properties.index(index)]]
-    table = coordinates(positions, range(len(vertex.properties)))
-    columns = {p.name: (column, p.value) for p, column in zip(vertex.properties, table.T, strict=True)}
+    if "f" in {p.length[:1] for p in face.properties} | {index.value[0]}:
+        polygons = [_FRACTION.sub(b"", line) for line in polygons]
+    table = coordinates(positions, range(len(single)))
+    columns = {p.name: (column, p.value) for p, column in zip(single, table.T, strict=True)}
     # With the precision of their type, as in a binary file.
     converted = np.column_stack([_converted(*columns[axis]) for axis in "xyz"])
     return converted, *counted_polygons(polygons, before), rest
@@ -225,20 +239,31 @@ def _read_binary(
     corners = sizes = np.zeros(0, dtype=np.int64)
     end = header.end
     for element in header.elements:
+        axes = [p for p in element.properties if p.name in {"x", "y", "z"}] if element is vertex else []
         table = _equal_rows(data, end, element, header.byte_order)
         if table is None:
-            wanted = index if element is face else None
+            wanted = [index] if element is face else axes
             values, counts, end = _walk(data, end, element, header.byte_order, wanted)
-            if element is face:
-                corners, sizes = values, counts
+            if element is vertex:
+                order = ["xyz".index(p.name) for p in axes]
+                positions = values.astype(np.float64).reshape(-1, 3)[:, np.argsort(order)]
+            elif element is face:
+                corners, sizes = _whole(values), counts
             continue
         end += table.nbytes
         if element is vertex:
             positions = np.column_stack([table[axis].astype(np.float64) for axis in "xyz"])
         elif element is face:
-            rectangle = table[index.name].astype(np.int64)
+            rectangle = _whole(table[index.name])
             corners, sizes = rectangle.ravel(), np.full(len(table), rectangle.shape[1], dtype=np.int64)
     return positions, corners, sizes, bool(data[end:].strip(b" \t\r\n\0"))
+
+
+def _whole(indices: NDArray[np.generic]) -> Ints:
+    """Return indices of any type as integers; raise MalformedMeshError if one is not whole."""
+    if indices.dtype.kind == "f" and not ((indices == np.trunc(indices)) & (np.abs(indices) < 2.0**53)).all():
+        raise MalformedMeshError("a face has an index that is not a whole number")
+    return indices.astype(np.int64)
 
 
 def _equal_rows(
@@ -276,26 +301,30 @@ def _equal_rows(
 
 
 def _walk(
-    data: bytes, start: int, element: Element, order: str, wanted: Property | None
-) -> tuple[Ints, Ints, int]:
-    """Read row by row."""
+    data: bytes, start: int, element: Element, order: str, wanted: list[Property]
+) -> tuple[NDArray[np.generic], Ints, int]:
+    """Read row by row: the values of the wanted properties, their numbers, and the end of the element."""
     steps = [
-        (struct.Struct(order + _LETTERS[p.length]) if p.length else None, _size(p), p is wanted)
+        (
+            struct.Struct(order + _LETTERS[p.length]) if p.length else None,
+            _size(p),
+            _LETTERS[p.value] if p in wanted else "",
+        )
         for p in element.properties
     ]
-    letter = _LETTERS[wanted.value] if wanted else ""
-    values, sizes = array("q"), array("q")
+    values = array("d" if any(p.value[0] == "f" for p in wanted) else "q")
+    sizes = array("q")
     position = start
     try:
         for _ in range(element.count):
-            for length, size, is_wanted in steps:
+            for length, size, letter in steps:
                 number = 1
                 if length:
-                    (number,) = length.unpack_from(data, position)
+                    number = int(length.unpack_from(data, position)[0])
                     position += length.size
                     if number < 0:
                         raise MalformedMeshError("a list of the PLY has a negative length")
-                if is_wanted:
+                if letter:
                     values.extend(struct.unpack_from(f"{order}{number}{letter}", data, position))
                     sizes.append(number)
                 position += number * size
@@ -303,7 +332,7 @@ def _walk(
         raise _cut_short(element) from None
     if position > len(data):
         raise _cut_short(element)
-    return np.array(values, dtype=np.int64), np.array(sizes, dtype=np.int64), position
+    return np.array(values), np.array(sizes, dtype=np.int64), position
 
 
 def _size(p: Property) -> int:

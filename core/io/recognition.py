@@ -38,7 +38,7 @@ _KINDS_BY_PATTERN = tuple((re.compile(start), kind) for start, kind in _KINDS)
 _TEXTS = (
     ("iges", rb"[^\r\n]{72}S *0*1\b"),
     ("ply", rb"ply[ \t]*[\r\n]"),
-    ("off", rb"(?:ST)?C?N?OFF\b|off[ \t]*[\r\n]"),
+    ("off", rb"(?:ST)?C?N?[4n]?OFF\b|off[ \t]*[\r\n]"),
     ("stl", rb"(?is)\s*solid\b.*?facet\s"),
     ("obj", rb"(?s)(?:\A|.*?[\r\n])[ \t]*v[ \t]+[-+0-9.]"),
 )

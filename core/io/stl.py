@@ -27,6 +27,8 @@ _ASCII_FACET = re.compile(
 _COMMENT = re.compile(rb"(?<![^\s])#[^\n]*")
 _VERTEX = re.compile(rb"\bvertex(%b)" % _NUMBERS)
 _BLOCK_BYTES = 1 << 20
+# A word between two solids, which no facet goes on over.
+_BETWEEN = b" solid "
 
 
 def read(data: bytes, limits: Limits) -> Content:
@@ -90,14 +92,13 @@ def _binary(data: bytes, facets: int, limits: Limits, *warnings: str) -> Content
 
 def _ascii(text: bytes, limits: Limits) -> Content:
     """Read an ASCII file in lower case."""
-    within(text.count(b"endsolid"), limits.parts, "solids")
     corners: list[Floats] = []
     sizes: list[int] = []
     warnings: list[str] = []
-    for block in _blocks(text.replace(b"end solid", b"endsolid"), warnings):
+    for block in _gathered(_blocks(text.replace(b"end solid", b"endsolid"), warnings)):
         # What is outside the facets, and their loops in turn.
         pieces = _ASCII_FACET.split(block)
-        if any(not outside.isspace() for outside in pieces[::2] if outside):
+        if any(outside.replace(_BETWEEN, b"").strip() for outside in pieces[::2]):
             raise MalformedMeshError("a facet of the STL is not a polygon, or is not complete")
         sizes += [loop.count(b"vertex") for loop in pieces[1::2]]
         within(len(sizes), limits.faces, "triangles")
@@ -112,7 +113,7 @@ def _ascii(text: bytes, limits: Limits) -> Content:
 
 
 def _blocks(text: bytes, warnings: list[str]) -> Iterator[bytes]:
-    """Yield the facets of the solids in blocks of about a megabyte, and add to the warnings."""
+    """Yield the facets of the solids in blocks of at most about a megabyte, and add to the warnings."""
     start, opened = 0, False
     for match in _SOLID.finditer(text):
         closes = text[max(match.start() - 3, 0) : match.start()] == b"end"
@@ -130,6 +131,19 @@ def _blocks(text: bytes, warnings: list[str]) -> Iterator[bytes]:
         raise MalformedMeshError("the STL goes on outside its solids")
     elif text[start:].strip():
         warnings.append("the STL goes on after its last solid; the rest is left out")
+
+
+def _gathered(blocks: Iterator[bytes]) -> Iterator[bytes]:
+    """Yield the blocks of small solids together: each parse has a cost of its own."""
+    waiting: list[bytes] = []
+    size = 0
+    for block in blocks:
+        waiting.append(block)
+        size += len(block)
+        if size >= _BLOCK_BYTES:
+            yield _BETWEEN.join(waiting)
+            waiting, size = [], 0
+    yield _BETWEEN.join(waiting)
 
 
 def _cut(text: bytes, start: int, stop: int) -> Iterator[bytes]:

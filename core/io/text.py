@@ -157,6 +157,19 @@ def _corners(row: list[bytes], before: Sequence[bool]) -> list[bytes]:
     return row[position + 1 : end]
 
 
+def without_lists(row: list[bytes], is_list: Sequence[bool]) -> list[bytes]:
+    """Return the single values of a row in which others are lists, each with its length."""
+    single: list[bytes] = []
+    position = 0
+    for listed in is_list:
+        if listed:
+            position += 1 + _number(row, position)
+        else:
+            single += row[position : position + 1]
+            position += 1
+    return single + row[position:]
+
+
 def _number(row: list[bytes], position: int) -> int:
     """Return the length of a list, from `position` in a row."""
     if position >= len(row) or not row[position].isdigit():

@@ -29,15 +29,15 @@ def read(data: bytes, limits: Limits) -> Content:
     """Return the vertices and faces of all build items, in millimetres.
 
     Objects of the types for support and helpers are left out, as are materials, slices and pictures. The
-    faces of a mirrored object are reversed, so they stay oriented outwards.
+    faces of a mirrored object are reversed, so they stay oriented outwards. If the build has no items, every
+    object that is no component of another is read where it is.
     """
-    solids, placed, unit = _read_placed(data, limits)
-    return Content(
-        *joined(
-            _transformed(solids[instance.key], instance.matrix[:3, :3], instance.matrix[3, :3], unit)
-            for instance in placed
-        )
+    solids, placed, unit, warnings = _read_placed(data, limits)
+    vertices, faces = joined(
+        _transformed(solids[instance.key], instance.matrix[:3, :3], instance.matrix[3, :3], unit)
+        for instance in placed
     )
+    return Content(vertices, faces, warnings)
 
 
 def read_parts(data: bytes, limits: Limits) -> list[Part]:
@@ -47,7 +47,7 @@ def read_parts(data: bytes, limits: Limits) -> list[Part]:
     stretched or mirrored differently are different parts: a part has the stretch of its instances, without
     their rotation.
     """
-    solids, placed, unit = _read_placed(data, limits)
+    solids, placed, unit, _ = _read_placed(data, limits)
     return [
         Part(path[-1] if path else "", path, times, Mesh(*_transformed(solid, stretch, np.zeros(3), unit)))
         for (path, solid, stretch), times in distinct(_keyed(solids, placed), limits)
@@ -75,17 +75,24 @@ def write(mesh: Mesh) -> bytes:
     )
 
 
-def _read_placed(data: bytes, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:
-    """Return the objects, every instance of an object with faces, and the unit in millimetres."""
+def _read_placed(
+    data: bytes, limits: Limits
+) -> tuple[dict[Key, Solid], list[Placed], float, tuple[str, ...]]:
+    """Return the objects, every instance of one with faces, the unit in millimetres, and warnings."""
     package = Package(data, limits)
     solids, items, unit = _models(package, limits)
     _refuse_circles(solids)
+    warnings: tuple[str, ...] = ()
+    if not items:
+        warnings = ("the build of the 3MF is empty: all of its objects are read",)
+        inside = {component.key for solid in solids.values() for component in solid.components}
+        items = [Placed(key, np.eye(4)) for key in solids if key not in inside]
     placed = _expand(solids, items, limits)
     if not placed:
         raise NoTrianglesError("the build of the 3MF places no triangles")
     within(sum(len(solids[instance.key].faces) for instance in placed), limits.faces, "triangles")
     within(sum(len(solids[instance.key].vertices) for instance in placed), limits.vertices, "vertices")
-    return solids, placed, unit
+    return solids, placed, unit, warnings
 
 
 def _models(package: Package, limits: Limits) -> tuple[dict[Key, Solid], list[Placed], float]:

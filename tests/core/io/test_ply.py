@@ -27,6 +27,9 @@ def binary(vertices, faces, form="binary_little_endian", **header):
 PLAIN_VERTICES, PLAIN_FACES = packed(CUBE, "<3f"), packed(counted(SQUARES), "<B4i")
 
 
+# Lists of some lengths, each with its length.
+SEEN = [[n, *range(n)] for n in (0, 1, 2, 3, 0, 2, 1, 5)]
+
 SOUND = {
     "text": TEXT,
     "text, triangles": ply(polygons=TRIANGLES),
@@ -59,7 +62,36 @@ SOUND = {
     + b"0.5 0\n0.5 2 1 2\n"
     + BODY,
     "text, edges last": TEXT.replace(b"end_header", EDGES) + b"0 1\n2 3\n",
+    "text, lists in the vertices": ply(
+        vertices=[[*SEEN[i], x, *SEEN[-i], y, z] for i, (x, y, z) in enumerate(CUBE)],
+        vertex=("list uchar int a", "float x", "list int float b", "float y", "float z"),
+    ),
+    "text, whole numbers as floats": ply(face=("list float double vertex_indices",)).replace(
+        b"\n4 0 1", b"\n4.0 0. 1.000"
+    ),
     "binary": BINARY,
+    "binary, equal lists in the vertices": binary(
+        b"".join(struct.pack("<3fB2i", *row, 2, 7, 8) for row in CUBE),
+        PLAIN_FACES,
+        vertex=(*XYZ, "list uchar int a"),
+    ),
+    "binary, unequal lists in the vertices": binary(
+        b"".join(
+            struct.pack(f">H{i}ifB{i}hdf", i, *range(i), z, i, *range(i), x, y)
+            for i, (x, y, z) in enumerate(CUBE)
+        ),
+        packed(counted(SQUARES), ">B4i"),
+        form="binary_big_endian",
+        vertex=("list ushort int a", "float z", "list uchar short b", "double x", "float y"),
+    ),
+    "binary, lengths and indices in floats": binary(
+        PLAIN_VERTICES, packed(counted(SQUARES), "<f4d"), face=("list float double vertex_indices",)
+    ),
+    "binary, polygons of different size in floats": binary_ply(polygons=[])
+    .replace(b"face 0", b"face 8")
+    .replace(b"uchar int", b"float float")
+    + packed([[4.0, *row] for row in SQUARES[:4].tolist()], "<5f")
+    + packed([[3.0, *row] for row in TRIANGLES[8:].tolist()], "<4f"),
     "binary, other byte order": binary_ply(order=">"),
     "binary, other byte order, triangles": binary_ply(polygons=TRIANGLES, order=">"),
     "binary, CRLF": ply_header(8, 6, form="binary_little_endian").replace(b"\n", b"\r\n")
@@ -186,8 +218,20 @@ MALFORMED = {
     "no format": header((b"format ascii 1.0\n", b"")),
     "unknown format": header((b"ascii", b"binary_middle_endian")),
     "unknown type": header((b"float x", b"quad x")),
-    "a list counted in floats": header((b"list uchar", b"list float")),
-    "indices in floats": header((b"uchar int", b"uchar float")),
+    "an index that is not whole": ply(face=("list uchar float vertex_indices",)).replace(
+        b"\n4 0", b"\n4 0.5"
+    ),
+    "a length that is not whole": ply(face=("list float int vertex_indices",)).replace(b"\n4 0", b"\n4.5 0"),
+    "binary, an index that is not whole": binary(
+        PLAIN_VERTICES,
+        packed([[4, 0.5, 1, 3, 2]] * 6, "<B4f"),
+        face=("list uchar float vertex_indices",),
+    ),
+    "binary, a length that is no number": binary(
+        PLAIN_VERTICES,
+        packed([[np.nan, 0, 1, 3, 2]] * 6, "<f4i"),
+        face=("list float int vertex_indices",),
+    ),
     "a property before an element": header((b"element vertex", b"property int a\nelement vertex")),
     "count not a number": header((b"vertex 8", b"vertex eight")),
     "negative count": header((b"vertex 8", b"vertex -8")),
@@ -197,7 +241,11 @@ MALFORMED = {
     "no vertices": header((b"element vertex 8", b"element point 8")),
     "no list of vertices": header((b"vertex_indices", b"corners")),
     "indices not in a list": header((b"list uchar int", b"int")),
-    "a list in the vertices": header((b"float z", b"float z\nproperty list uchar int a")),
+    "a list in the vertices that is not there": header((b"float z", b"float z\nproperty list uchar int a")),
+    "binary, a list in the vertices that is not there": BINARY.replace(
+        b"float z", b"float z\nproperty list uint int a"
+    ),
+    "z in a list": header((b"float z", b"list uchar float z")),
     "text, 4e9 vertices": header((b"vertex 8", b"vertex " + HUGE)),
     "text, 4e9 faces": header((b"face 6", b"face " + HUGE)),
     "text, 4e9 of something else": header((b"element face", b"element x " + HUGE + b"\nelement face")),

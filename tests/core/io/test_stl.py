@@ -6,11 +6,11 @@ import pytest
 from core.errors import (
     DegenerateMeshError,
     MalformedMeshError,
-    MeshTooComplexError,
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_file, read_mesh
+from core.io import read_file, read_mesh
+from core.io import stl as module
 from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_stl, faulty, stl
 from tests.core.shapes import area, volume
 
@@ -115,6 +115,7 @@ MALFORMED = {
 BAD = {
     MalformedMeshError: MALFORMED,
     NoTrianglesError: {
+        "40,000 empty solids": stl([]) * 40_000,
         "binary with no facets": binary_stl([]),
         "no facets": stl([]),
         "only the word": b"solid",
@@ -129,7 +130,6 @@ BAD = {
         "binary one point": binary_stl(np.ones((4, 3, 3))),
         "one point": stl(np.ones((4, 3, 3))),
     },
-    MeshTooComplexError: {"8,000 solids": stl(CORNERS[:1]) * 8_000, "40,000 empty solids": stl([]) * 40_000},
 }
 
 
@@ -139,8 +139,20 @@ def test_bad(data, error):
         read_mesh(data, "stl")
 
 
-def test_limit_of_solids():
-    data = stl(CORNERS[:4]) + stl(CORNERS[4:8]) + stl(CORNERS[8:])
-    assert len(read_mesh(data, "stl", limits=Limits(parts=3)).faces) == 12
-    with pytest.raises(MeshTooComplexError, match="3 solids; the limit is 2"):
-        read_mesh(data, "stl", limits=Limits(parts=2))
+def test_many_solids_are_read_together(monkeypatch):
+    """A block of text has a cost of its own."""
+    blocks, coordinates = [], module.coordinates
+    monkeypatch.setattr(module, "coordinates", lambda lines: blocks.append(len(lines)) or coordinates(lines))
+    mesh = read_mesh(stl(CORNERS[:1]) * 5_000 + stl(CORNERS), "stl")
+    assert np.array_equal(mesh.vertices.reshape(-1, 3, 3), np.concatenate([[CORNERS[0]] * 5_000, CORNERS]))
+    assert len(blocks) <= 2
+
+
+def test_a_facet_does_not_go_on_in_another_solid():
+    facet = stl(CORNERS[:1])
+    begun, ended = facet.index(b"    vertex"), facet.index(b"  endloop")
+    middle = b"endsolid cube\nsolid cube\n"
+    with pytest.raises(MalformedMeshError):
+        read_mesh(facet[:begun] + middle + facet[begun:], "stl")
+    with pytest.raises(MalformedMeshError):
+        read_mesh(facet[:ended] + middle + facet[ended:], "stl")

@@ -27,6 +27,8 @@ def is_cube(mesh):
     return np.array_equal(mesh.vertices, CUBE) and np.array_equal(mesh.faces, TRIANGLES)
 
 
+WEIGHTS = np.array([1.0, 2.0, 0.5, 4.0] * 2)[:, None]
+HOMOGENEOUS = np.hstack([WEIGHTS * CUBE, WEIGHTS])
 SOUND_OFF = {
     "plain": off(),
     "triangles": off(polygons=TRIANGLES),
@@ -48,6 +50,12 @@ SOUND_OFF = {
     "normals": off(header="NOFF\n", vertices=np.hstack([CUBE, CUBE])),
     "colours": off(header="COFF\n", vertices=np.hstack([CUBE, CUBE, [[0.5]] * 8])),
     "all of them": off(header="STCNOFF\n", vertices=np.tile(CUBE, 4)),
+    "four coordinates": off(header="4OFF\n", vertices=HOMOGENEOUS),
+    "four coordinates and colours": off(header="C4OFF\n", vertices=np.hstack([HOMOGENEOUS, CUBE])),
+    "four coordinates, wrapped": off(header="4OFF\n", vertices=HOMOGENEOUS.reshape(16, 2), counts=(8, 6, 0)),
+    "the number of coordinates": off(header="nOFF\n3\n"),
+    "the number of coordinates on the line of the word": off(header="nOFF 3\n"),
+    "the number of coordinates on the line of the counts": off(header="nOFF 3 "),
     "colours of faces": b"OFF\n8 6 0\n"
     + (lines(CUBE) + lines([[*row, 0.5, 0.25, 1] for row in counted(SQUARES)])).encode(),
     "whole colours of faces": b"OFF\n8 6 0\n"
@@ -105,6 +113,9 @@ SOUND_OBJ = {
     "points and lines": (V + "p 1 2 3\nl 1 2\nvp 1 1\ncstype bezier\nf\n" + F).encode(),
     "a face of two corners": (V + "f 1 2\n" + F).encode(),
     "groups": (V + F.replace("f", "o a\ng b c\ns off\nusemtl d\nf")).encode(),
+    "5,000 groups and materials": (
+        V + "".join(f"g {i}\nusemtl m{i}\no {i}\n" for i in range(5_000)) + F
+    ).encode(),
     "relative": (V + lines(SQUARES - 8, "f ")).encode(),
     "both": (V + lines(SQUARES[:3] - 8, "f ") + lines(SQUARES[3:] + 1, "f ")).encode(),
     "relative to what is above": (
@@ -164,8 +175,10 @@ def test_numbers_are_read_as_python_reads_them(number):
 MALFORMED_OFF = {
     "not OFF": off(header="FOO\n"),
     "OFF BINARY": off(header="OFF BINARY\n"),
-    "four coordinates": off(header="4OFF\n"),
-    "other coordinates": off(header="nOFF\n"),
+    "four coordinates of three": off(header="4OFF\n"),
+    "no number of coordinates": off(header="nOFF\n"),
+    "five coordinates": off(header="nOFF\n5\n", vertices=np.hstack([CUBE, CUBE[:, :2]])),
+    "more than one kind of coordinates": off(header="4nOFF\n3\n", vertices=HOMOGENEOUS),
     "no counts": b"OFF\n",
     "one count": b"OFF\n8\n",
     "negative count": off(counts=(-8, 6, 0)),
@@ -236,10 +249,6 @@ BAD_OBJ = {
         "beyond 64 bits": (V + F).replace("1.0", "-1e999", 1).encode(),
     },
     DegenerateMeshError: {"one repeated point": (V + "f 1 1 1\nf 2 2 2\n").encode()},
-    MeshTooComplexError: {
-        "20,000 groups": (V + "".join(f"g {i}\nf 1 2 3\n" for i in range(20_000))).encode(),
-        "20,000 materials": (V + "usemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n" * 10_000).encode(),
-    },
 }
 
 

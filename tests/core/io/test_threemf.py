@@ -17,7 +17,7 @@ from core.errors import (
     NonFiniteCoordinatesError,
     NoTrianglesError,
 )
-from core.io import Limits, read_mesh, read_parts, threemf_model, write_mesh
+from core.io import Limits, read_file, read_mesh, read_parts, threemf_model, write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, TRIANGLES, faulty
 from tests.core.io.threemf_files import (
@@ -151,7 +151,8 @@ def test_limits_count_every_place():
 REFUSED = {
     MalformedMeshError: MALFORMED,
     NoTrianglesError: {
-        "no build": package(model(items=())),
+        "no build and no object": package(model("", ())),
+        "no build and nothing but support": package(model(thing(1, type="support"), ())),
         "no faces": package(model(thing(1, mesh(faces=())))),
         "nothing but support": package(model(thing(1, type="support"))),
     },
@@ -204,9 +205,17 @@ def test_messages():
         (MALFORMED["index too large"], "vertex 8"),
         (MALFORMED["a circle"], "part of itself"),
         (MALFORMED["a ZIP of nothing"], "which of its parts"),
+        (package(model().replace("<item ", '<item q:UUID="1" ')), "a prefix that it does not declare"),
     ):
         with pytest.raises(MeshError, match=words):
             read_mesh(data, "3mf")
+
+
+def test_a_build_without_items_places_every_object_that_is_no_component():
+    objects = thing(1) + thing(2, components((1, MOVED), (1, None))) + thing(3, type="support")
+    file = read_file(package(model(objects, ())), "3mf")
+    assert np.array_equal(file.mesh.vertices, np.concatenate([CUBE + np.array([10, 20, 30]), CUBE]))
+    assert file.warnings == ("the build of the 3MF is empty: all of its objects are read",)
 
 
 def test_components_are_counted_as_they_come(monkeypatch):
@@ -389,8 +398,7 @@ def test_limits_and_faults():
     for fewer in ({"parts": 2}, {"distinct_parts": 1}, {"faces": 35}, {"vertices": 23}):
         with pytest.raises(MeshTooComplexError, match="limit"):
             parts_of(objects, items, **fewer)
-    with pytest.raises(NoTrianglesError):
-        parts_of(objects, [])
+    assert parts_of(objects, []) == parts_of(objects, items[:2])
     with pytest.raises(MalformedMeshError, match="a part of itself"):
         parts_of(thing(1, components((1, None))), items)
     line = mesh([(n, 0.0, 0.0) for n in range(8)])

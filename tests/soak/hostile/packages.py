@@ -136,7 +136,7 @@ CASES = {
         f"{value}.3mf": with_coordinate(value) for value in ("NaN", "inf", "-inf", "1e999")
     },
     ("empty", "empty-file"): {"empty.3mf": b"", "empty.step": b""},
-    ("no-faces", "no-triangles"): {"no-build.3mf": package(model(items=())), "nothing.step": NOTHING.data()},
+    ("no-faces", "no-triangles"): {"no-build.3mf": package(model("", ())), "nothing.step": NOTHING.data()},
     ("strange", ""): {
         "cube.3mf": package(),
         "box.step": BOX,

@@ -129,10 +129,10 @@ CASES = {
         "nothing.off": b"OFF\n0 0 0\n",
         "comments.obj": b"# nothing but this\n" * 100,
     },
-    ("parts", "mesh-too-complex"): {
+    ("parts", "no-triangles"): {"solids-empty.stl": b"solid\nendsolid\n" * 40_000},
+    ("parts", ""): {
         "solids-8000.stl": (b"solid a\n" + FACET + b"endsolid a\n") * 8_000,
         "solids-40000.stl": lambda: (b"solid a\n" + FACET + b"endsolid a\n") * 40_000,
-        "solids-empty.stl": b"solid\nendsolid\n" * 40_000,
         **{
             f"{word}.obj": THREE + b"%b a\nf 1 2 3\n" % word.encode() * 20_000
             for word in ("g", "o", "usemtl")
