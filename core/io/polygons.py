@@ -69,4 +69,6 @@ def _in_plane(points: Floats, area: Floats) -> Ints:
     axes = np.linalg.svd(area[None])[2]
     # The two axes of the plane turn counterclockwise about the area vector.
     plane = np.stack([axes[1], axes[2] * np.sign(np.linalg.det(np.stack([axes[1], axes[2], area])))])
-    return np.asarray(manifold3d.triangulate([(points - points[0]) @ plane.T]), dtype=np.int64)
+    return np.asarray(
+        manifold3d.triangulate([(points - points[0]) @ plane.T], allow_convex=False), dtype=np.int64
+    )
