@@ -121,7 +121,7 @@ studies-test: $(DEV)
 
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections
+	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -rP
 
 COUNT ?= 10000
 SEED ?= 0

@@ -19,6 +19,7 @@ from core.errors import (
 )
 from core.io import Limits, read_mesh
 from tests.core.io.files import CUBE, TRIANGLES, faulty, glb, glb_bytes, gltf
+from tests.core.io.gltf_files import Gltf
 from tests.core.shapes import volume
 
 CORNERS = CUBE[TRIANGLES]
@@ -433,57 +434,6 @@ def test_messages_name_the_cause():
     with pytest.raises(ExternalReferenceError) as caught:
         read_mesh(glb(buffers=[{"uri": "file:///etc/passwd"}]), "glb")
     assert "/" not in str(caught.value)
-
-
-class Gltf:
-    """A glTF of one buffer, added to accessor by accessor."""
-
-    def __init__(self):
-        self.binary = b""
-        self.tree = {
-            "asset": {"version": "2.0"},
-            "accessors": [],
-            "bufferViews": [],
-            "meshes": [],
-            "nodes": [],
-        }
-
-    def view(self, array):
-        self.tree["bufferViews"].append(
-            {"buffer": 0, "byteOffset": len(self.binary), "byteLength": array.nbytes}
-        )
-        self.binary += array.tobytes()
-        return len(self.tree["bufferViews"]) - 1
-
-    def accessor(self, rows, dtype="<f4", **more):
-        """The number of an accessor with the rows as they are."""
-        array = np.atleast_2d(np.asarray(rows, dtype=dtype))
-        kinds = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-        code = {"<f4": 5126, "<u2": 5123, "<u1": 5121}[dtype]
-        about = {"componentType": code, "type": kinds[array.shape[1]], "count": len(array)}
-        self.tree["accessors"].append({"bufferView": self.view(array), **about, **more})
-        return len(self.tree["accessors"]) - 1
-
-    def mesh(self, vertices=CUBE, **more):
-        attributes = {"POSITION": self.accessor(vertices), **more.pop("attributes", {})}
-        indices = self.accessor(TRIANGLES.reshape(-1, 1), "<u2")
-        primitive = {"attributes": attributes, "indices": indices, **more.pop("primitive", {})}
-        self.tree["meshes"].append({"primitives": [primitive], **more})
-        return len(self.tree["meshes"]) - 1
-
-    def node(self, **entry):
-        self.tree["nodes"].append(entry)
-        return len(self.tree["nodes"]) - 1
-
-    def bound(self, joints, weights):
-        """The attributes of a skin, for every corner of the cube."""
-        return {
-            "JOINTS_0": self.accessor(np.tile(joints, (8, 1)), "<u1"),
-            "WEIGHTS_0": self.accessor(np.tile(weights, (8, 1))),
-        }
-
-    def data(self):
-        return glb_bytes({**self.tree, "buffers": [{"byteLength": len(self.binary)}]}, self.binary)
 
 
 def test_a_skinned_vertex_is_the_weighted_sum_of_joint_times_inverse_bind_matrix():
