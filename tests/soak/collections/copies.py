@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from core.arrays import Floats
 from core.io import write_mesh
@@ -330,8 +331,6 @@ def random_matrix(rng: np.random.Generator, size: float, *, mirror: bool) -> Flo
 
 def gltf_instances(mesh: Mesh, rng: np.random.Generator, *, embedded: bool) -> Copy:
     """Pieces placed by matrices and by translation, rotation and scale, below other nodes, twice each."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415
-
     mesh, gltf, triangles = changed(mesh, rng), Gltf(), []
     size = float(np.ptp(mesh.vertices))
     for piece in split(mesh, rng, 5):
@@ -481,11 +480,6 @@ def gltf_copies(mesh: Mesh, rng: np.random.Generator) -> Copy:
     return in_scene(gltf, np.concatenate([whole(mesh) + shift for shift in shifts]), misread=whole(mesh))
 
 
-def gltf_in_zip(mesh: Mesh, rng: np.random.Generator) -> Copy:
-    """A JSON and its buffer, in one ZIP."""
-    return by_trimesh("gltf", "zip")(mesh, rng)
-
-
 # 3MF
 
 
@@ -544,7 +538,7 @@ KINDS: dict[str, Writer] = {
     "GLB by trimesh": by_trimesh("glb"),
     "GLB of instances": partial(gltf_instances, embedded=False),
     "glTF of instances, embedded": partial(gltf_instances, embedded=True),
-    "glTF by trimesh, in a ZIP": gltf_in_zip,
+    "glTF by trimesh, in a ZIP": by_trimesh("gltf", "zip"),
     "GLB of many primitives": gltf_primitives,
     "GLB of strips": gltf_strips,
     "GLB of fans": gltf_fans,
