@@ -97,11 +97,14 @@ class Format:
         own = tuple(ending for ending in self.endings if ending not in others)
         return Form(self.magic, own, self.media_type)
 
+    @property
+    def forms(self) -> tuple[Form, ...]:
+        """The forms of the files that are read, the written one first."""
+        return self.written, *self.variants
+
     def form_of(self, data: bytes) -> Form:
         """Return the form of a file that is read."""
-        if data.startswith(self.magic):
-            return self.written
-        return next((form for form in self.variants if data.startswith(form.magic)), self.written)
+        return next((form for form in self.forms if data.startswith(form.magic)), self.written)
 
     def read(self, data: bytes, limits: "Limits") -> "Content":
         """Return the mesh of a file, and warnings.

@@ -61,7 +61,7 @@ ETAG_HEADER: dict[str, Any] = {
             "content": {
                 media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
                 for media_type in sorted(
-                    {form.media_type for known in FORMATS.values() for form in (known, *known.variants)}
+                    {form.media_type for known in FORMATS.values() for form in known.forms}
                 )
             },
         },

@@ -10,7 +10,8 @@ import numpy as np
 from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.io.files import CUBE, PLAIN, SQUARES, binary_ply, glb, obj, off, ply, stl
+from tests.core.io.files import CUBE, PLAIN, SQUARES, binary_ply, glb, obj, off, ply, ply_header, stl
+from tests.core.io.gltf_files import Gltf
 from tests.core.io.threemf_files import package
 
 SHAPES = {"cup": 300, "octopus": 500, "pliers": 400}
@@ -60,7 +61,26 @@ def small_sources():
         ("ply", ply()),
         ("ply", binary_ply(CUBE, [*SQUARES, [0, 1, 2]])),
         ("glb", glb(nodes=[{"children": [1], "scale": [1, 2, 3]}, {"mesh": 0, "translation": [1, 0, 0]}])),
+        ("glb", embedded_gltf()),
+        ("off", off(np.hstack([2 * CUBE, np.full((8, 1), 2.0)]), header="4OFF\n")),
+        ("ply", ply_of_lists()),
     )
+
+
+def embedded_gltf():
+    """A JSON with its buffer inside."""
+    gltf = Gltf()
+    gltf.node(mesh=gltf.mesh())
+    return gltf.embedded()
+
+
+def ply_of_lists():
+    """A binary PLY with lists of unequal lengths among its vertices, and lengths and indices in floats."""
+    vertex = ("list uchar short views", "float x", "float y", "float z")
+    head = ply_header(8, 6, "binary_big_endian", vertex, ("list float double vertex_indices",))
+    vertices = (struct.pack(f">B{n % 3}h3f", n % 3, *range(n % 3), *row) for n, row in enumerate(CUBE))
+    faces = (struct.pack(">f4d", 4, *row) for row in SQUARES)
+    return head + b"".join([*vertices, *faces])
 
 
 def mutation(files, seed, number):

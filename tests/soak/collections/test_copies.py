@@ -30,12 +30,12 @@ the parts of an open surface cancel."""
 
 CONCAVE, UNEQUAL = "cuts concave polygons into fans", "fails on rows of different lengths"
 FAULTS = {
-    "PLY big-endian of polygons": f"{CONCAVE}; {UNEQUAL}",
+    "PLY big-endian of polygons": UNEQUAL,
     "PLY text of polygons": CONCAVE,
     "PLY text with lists at vertices": CONCAVE,
     "PLY with lists and floats": UNEQUAL,
     "PLY of strips": "does not read strips",
-    "OFF of coloured polygons": f"{CONCAVE}; fails on more than four corners",
+    "OFF of coloured polygons": "fails on more than four corners",
     "OFF with homogeneous coordinates": "does not divide by the fourth",
     "OFF wrapped": "takes each line for a row",
     "OBJ of groups, counted back": "counts back from the last vertex of the file",
