@@ -46,6 +46,8 @@ def frame(vertices: Floats) -> tuple[NDArray[np.float64], float]:
 
 
 NOTHING = -1
+WIDE = 4
+"""Widest box of a triangle, in pixels, of which every pixel is tried."""
 
 
 def nearest_triangles(corners: Floats, size: int) -> NDArray[np.int64]:
@@ -85,7 +87,21 @@ def _fill(corners: Floats, height: Floats, seen: NDArray[np.int64]) -> None:
         bottom = min(size - 1, int(np.floor(max(ay, by, cy) - 0.5)))
         for i in range(top, bottom + 1):
             y = i + 0.5
-            for j in range(left, right + 1):
+            first, last = left, right
+            if right - left > WIDE:
+                # A needle is far thinner than its box: the row between its sides, and a pixel more.
+                low, high = np.inf, -np.inf
+                for side in range(3):
+                    px, py, _ = corners[f, side]
+                    qx, qy, _ = corners[f, (side + 1) % 3]
+                    if min(py, qy) <= y <= max(py, qy):
+                        start, end = (0.0, 1.0) if py == qy else ((y - py) / (qy - py), (y - py) / (qy - py))
+                        low = min(low, px + start * (qx - px), px + end * (qx - px))
+                        high = max(high, px + start * (qx - px), px + end * (qx - px))
+                if low <= high:
+                    first = max(left, int(np.floor(low - 0.5)) - 1)
+                    last = min(right, int(np.ceil(high - 0.5)) + 1)
+            for j in range(first, last + 1):
                 x = j + 0.5
                 # Barycentric coordinates of the pixel, for either orientation of the triangle.
                 a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / twice_area

@@ -67,6 +67,16 @@ def test_the_triangle_at_each_pixel_is_the_nearest(seed: int) -> None:
     assert np.array_equal(nearest_triangles(corners, size), plain_nearest(corners, size))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_needle_at_each_pixel_is_the_nearest(seed: int) -> None:
+    """Triangles far longer than wide, some of them level or upright."""
+    rng, size = np.random.default_rng(seed), 24
+    start, end = rng.uniform(-8, size + 8, size=(2, 40, 3))
+    end[:8, 0], end[8:16, 1] = start[:8, 0], start[8:16, 1]
+    corners = np.stack([start, end, end + rng.uniform(-2, 2, size=(40, 3))], axis=1)
+    assert np.array_equal(nearest_triangles(corners, size), plain_nearest(corners, size))
+
+
 def test_triangles_without_area_are_not_seen() -> None:
     line = np.array([[[1.0, 1, 0], [5, 5, 0], [9, 9, 0]]])
     assert (nearest_triangles(line, 10) == NOTHING).all()
