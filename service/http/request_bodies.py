@@ -1,6 +1,5 @@
 """Bodies and parameters of requests as dependencies: a form with files, or JSON, in; a pydantic model out."""
 
-import errno
 from collections.abc import AsyncIterator
 from typing import Any, Generic, Literal, TypeVar, get_origin
 
@@ -17,11 +16,11 @@ from service.errors import (
     BadRequestFieldsError,
     FieldFault,
     FileTooLargeError,
-    StorageFullError,
     UnsupportedBodyError,
 )
 from service.http.problem_document import faults_of
 from service.settings import Settings
+from service.storage.files import disk_errors
 
 FORM, JSON = "multipart/form-data", "application/json"
 FILE = "file"
@@ -79,8 +78,8 @@ class RequestBody(Generic[Model]):
             The body is not what the model says.
         FileTooLargeError
             The file is larger than the setting allows, or the other fields have too much text together.
-        StorageFullError
-            There is no room on disk for the file.
+        StorageFullError, StorageUnavailableError
+            The file cannot be written to the temporary folder.
         """
         content_type = request.headers.get("content-type", "")
         media_type = content_type.partition(";")[0].strip().lower()
@@ -138,12 +137,8 @@ def _check_charset(content_type: str) -> None:
 
 
 async def _form_of(request: Request, max_files: int) -> FormData:
-    try:
+    with disk_errors("the upload cannot be written to the temporary folder"):
         return await request.form(max_files=max_files, max_fields=FORM_FIELDS, max_part_size=FIELD_BYTES)
-    except OSError as error:
-        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
-            raise StorageFullError("there is no room for the upload in the temporary folder") from error
-        raise
 
 
 def _values(

@@ -3,7 +3,6 @@
 The archive of an unfinished job is a file of a folder, named by the id of the job.
 """
 
-import errno
 import os
 import shutil
 import time
@@ -16,7 +15,7 @@ from typing import Any, BinaryIO
 
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
-from service.errors import ArchiveError, BusyError, ServiceError, StorageFullError, StorageUnavailableError
+from service.errors import ArchiveError, BusyError, ServiceError
 from service.jobs import repository
 from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
 from service.jobs.zip_archive import (
@@ -29,7 +28,8 @@ from service.jobs.zip_archive import (
 from service.settings import Settings
 from service.shapes.schemas import write_cursor
 from service.storage.database import Database, ReadSession
-from service.storage.sqlite import path_of, put_in_place
+from service.storage.files import disk_errors, make_folder, put_in_place
+from service.storage.sqlite import path_of
 from service.storage.tables import JobFileRow, JobRow
 
 # The number of files by which the speed of a job is measured.
@@ -95,7 +95,8 @@ class Jobs:
         job_id = str(uuid.uuid4())
         path = self.archive_path(job_id)
         try:
-            size = _copy(file, path)
+            with disk_errors("the archive cannot be written"):
+                size = _copy(file, path)
             with self._database.write() as session:
                 self._check_room(session)
                 collections_repository.require(session, collection)
@@ -103,7 +104,8 @@ class Jobs:
                 job = repository.add(session, job_id, collection, values)
                 return _shown(session, job)
         except BaseException:
-            path.unlink(missing_ok=True)
+            # An error at the end of a transaction does not tell whether the job was stored.
+            self._remove_unless_active(job_id)
             raise
 
     def archive_path(self, job_id: str) -> Path:
@@ -148,7 +150,7 @@ class Jobs:
             repository.end(session, job.number, "cancelled")
             if forget:
                 repository.remove(session, job.number)
-        self.archive_path(job_id).unlink(missing_ok=True)
+        self._remove_unless_active(job_id)
 
     def claim(self, runner: str) -> tuple[JobRow | None, bool]:
         """Clear old records, and take over a job that no living service runs.
@@ -176,15 +178,11 @@ class Jobs:
         ArchiveTooLargeError
             The archive exceeds the limits.
         MalformedArchiveError
-            The archive cannot be read, or is not in the folder.
+            The archive is not a ZIP, or is not in the folder.
+        StorageUnavailableError
+            The disk fails.
         """
-        try:
-            file = self.archive_path(job.id).open("rb")
-        except FileNotFoundError as error:
-            raise MalformedArchiveError(
-                "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
-            ) from error
-        with file:
+        with self._opened(job.id) as file:
             archive = ZipArchive(file, self._settings, read_directory)
             if job.state == "waiting":
                 members = archive.members()
@@ -197,11 +195,20 @@ class Jobs:
         for row in unread.values():
             yield row, MemberError("member-damaged", "the archive is damaged before this file")
 
+    def _opened(self, job_id: str) -> BinaryIO:
+        path = self.archive_path(job_id)
+        with disk_errors("the archive cannot be read"):
+            if not path.exists():
+                raise MalformedArchiveError(
+                    "the archive is not in the folder of this service (ISOSHAPE_JOB_FOLDER); send it again"
+                )
+            return path.open("rb")
+
     def end(self, job: JobRow, state: State, fault: MemberFault | None = None) -> None:
         """End a job, unless it has ended, and delete its archive; its stored shapes stay."""
         with self._database.write() as session:
             repository.end(session, job.number, state, fault)
-        self.archive_path(job.id).unlink(missing_ok=True)
+        self._remove_unless_active(job.id)
 
     def clear(self, keep: timedelta) -> bool:
         """Delete records of jobs that ended before `keep`, and files of no job.
@@ -223,6 +230,12 @@ class Jobs:
                 if path.stem not in active and path.stat().st_mtime < time.time() - ORPHAN_SECONDS:
                     path.unlink()
         return bool(active)
+
+    def _remove_unless_active(self, job_id: str) -> None:
+        """Remove the archive of a job that has ended or is not stored; if the disk fails, `clear` does it."""
+        with suppress(OSError, ServiceError), self._database.read() as session:
+            if job_id not in repository.active_ids(session):
+                self.archive_path(job_id).unlink(missing_ok=True)
 
     def _check_room(self, session: ReadSession) -> None:
         most = self._settings.max_jobs
@@ -252,7 +265,7 @@ def _copy(file: BinaryIO, path: Path) -> int:
     """Copy an archive into its folder, durably and under its name only when it is complete; its size."""
     partial = path.with_suffix(".partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         file.seek(0)
         with partial.open("xb") as copy:
             os.fchmod(copy.fileno(), 0o600)
@@ -260,9 +273,5 @@ def _copy(file: BinaryIO, path: Path) -> int:
             size = copy.tell()
         put_in_place(partial, path)
         return size
-    except OSError as error:
-        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
-            raise StorageFullError("the folder of the jobs' archives is full") from error
-        raise StorageUnavailableError(f"the archive cannot be written: {error.strerror}") from error
     finally:
         partial.unlink(missing_ok=True)

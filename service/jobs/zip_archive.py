@@ -23,6 +23,7 @@ from core.io import format_of
 from service.errors import ServiceError, TaskTimeLimitError, WorkerCrashedError
 from service.settings import Settings
 from service.shapes.fields import base_name, clean_name
+from service.storage.files import disk_errors
 
 PIECE = 64 * 1024
 """Bytes that are unpacked at a time."""
@@ -161,7 +162,7 @@ class ZipArchive:
         longest = max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * most) + AFTER_DIRECTORY
         self._file.seek(max(0, size - longest))
         try:
-            count, entries = _DIRECTORY.validate_json(read_directory(self._file.read(longest), size, most))
+            count, entries = _DIRECTORY.validate_json(read_directory(self._read(longest), size, most))
         except MeshTooComplexError as error:
             raise ArchiveTooLargeError(str(error)) from error
         except ValidationError as error:
@@ -171,6 +172,11 @@ class ZipArchive:
         if count > most:
             raise ArchiveTooLargeError(f"it has {count} members, more than {most}")
         return [_Entry(*entry) for entry in entries]
+
+    def _read(self, size: int) -> bytes:
+        """Read the next bytes; a disk that fails is no fault of the archive."""
+        with disk_errors("the archive cannot be read"):
+            return self._file.read(size)
 
     def members(self) -> list[ArchiveMember]:
         """List all members by the directory.
@@ -243,7 +249,7 @@ class ZipArchive:
     def _pieces(self, entry: _Entry) -> Iterator[tuple[bytes, int]]:
         """Yield pieces of a member, of at most `PIECE` bytes, and the packed bytes read so far."""
         self._file.seek(entry.offset)
-        header = self._file.read(_LOCAL_HEADER.size)
+        header = self._read(_LOCAL_HEADER.size)
         if len(header) < _LOCAL_HEADER.size or not header.startswith(_MAGIC[0]):
             raise MemberError("member-damaged", "it is not where the directory says")
         _, name_length, extra_length = _LOCAL_HEADER.unpack(header)
@@ -251,7 +257,7 @@ class ZipArchive:
         inflater = zlib.decompressobj(-zlib.MAX_WBITS)
         packed = 0
         while packed < entry.packed_size:
-            data = self._file.read(min(PIECE, entry.packed_size - packed))
+            data = self._read(min(PIECE, entry.packed_size - packed))
             if not data:
                 raise MemberError("member-damaged", "the archive ends within it")
             packed += len(data)

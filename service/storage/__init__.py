@@ -7,6 +7,7 @@ __all__ = [
     "columns",
     "copying",
     "database",
+    "files",
     "postgresql",
     "sqlite",
     "tables",

@@ -15,7 +15,8 @@ from pathlib import Path
 
 from service.errors import ArchiveError
 from service.storage.checking import CheckReport, check, check_version, connect, reason
-from service.storage.sqlite import JOURNALS, ArchiveLock, has_journal, put_in_place
+from service.storage.files import put_in_place
+from service.storage.sqlite import JOURNALS, ArchiveLock, has_journal
 
 # Longer than the time limit of the service: a nightly backup may wait for a busy moment to pass.
 LOCK_SECONDS = 60.0
@@ -94,7 +95,9 @@ def _beside(target: Path) -> Iterator[Path]:
         raise ArchiveError(f"{target} cannot be written: {error.strerror}") from error
     finally:
         for ending in ("", *JOURNALS, "-shm"):
-            copy.with_name(copy.name + ending).unlink(missing_ok=True)
+            # A disk that fails leaves a part of a copy, whose name says so.
+            with suppress(OSError):
+                copy.with_name(copy.name + ending).unlink(missing_ok=True)
 
 
 def _checked(copy: Path, name: str) -> CheckReport:
@@ -124,9 +127,21 @@ def _copy_ownership(copy: Path, archive: Path) -> None:
 
 
 def _remove_journals(archive: Path) -> None:
-    """Remove the journals of the replaced archive, which SQLite would apply to the new one."""
+    """Remove the journals of the replaced archive, which SQLite would apply to the new one.
+
+    They are applied to the old archive first, unless it is no database: until it is replaced it stays whole.
+
+    Raises
+    ------
+    ArchiveError
+        The disk fails.
+    """
     if has_journal(archive):
-        with suppress(ArchiveError, sqlite3.Error), closing(connect(archive, lock_seconds=0)) as connection:
-            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        try:
+            with closing(connect(archive, lock_seconds=0)) as connection:
+                connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        except (ArchiveError, sqlite3.Error) as error:
+            if isinstance(error.__cause__ or error, sqlite3.OperationalError):
+                raise ArchiveError(f"the journal of {archive} cannot be applied: {error}") from error
     for ending in (*JOURNALS, "-shm"):
         archive.with_name(archive.name + ending).unlink(missing_ok=True)

@@ -19,6 +19,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, make_url
 from sqlalchemy.engine import URL
 
 from service.errors import ArchiveError, ArchiveServedError, StorageUnavailableError
+from service.storage.files import disk_errors, make_folder
 
 WRITES = "isoshape_writes"
 
@@ -52,10 +53,8 @@ def open_sqlite(url: URL, *, lock_seconds: float) -> Engine:
     another reader, and that reader for the lock.
     """
     if url.database is not None:
-        try:
-            Path(url.database).parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise StorageUnavailableError(f"the folder of the database cannot be made: {error}") from error
+        with disk_errors("the folder of the database cannot be made"):
+            make_folder(Path(url.database).resolve().parent)
     # With isolation_level None the driver begins no transactions; the listener `_begin` does.
     engine = create_engine(
         url,
@@ -125,7 +124,7 @@ class ArchiveLock:
 
     Raises
     ------
-    StorageUnavailableError
+    StorageFullError, StorageUnavailableError
         Another process holds a lock that excludes this one, or the lock file cannot be created.
     """
 
@@ -142,11 +141,9 @@ class ArchiveLock:
         The lock file is opened with `flags` (`os.open`) and locked by `operation` (`fcntl.flock`).
         """
         archive = archive.resolve()
-        try:
-            archive.parent.mkdir(parents=True, exist_ok=True)
+        with disk_errors("the archive's lock cannot be made"):
+            make_folder(archive.parent)
             self._descriptor = os.open(archive.with_name(archive.name + ending), flags | os.O_CREAT, 0o644)
-        except OSError as error:
-            raise StorageUnavailableError(f"the archive's lock cannot be made: {error.strerror}") from error
         try:
             fcntl.flock(self._descriptor, operation | fcntl.LOCK_NB)
         except OSError:
@@ -171,8 +168,8 @@ class ServingLock(ArchiveLock):
     ------
     ArchiveServedError
         Another process serves the archive; the message names it.
-    StorageUnavailableError
-        The lock file cannot be created.
+    StorageFullError, StorageUnavailableError
+        The lock file cannot be created or written.
     """
 
     def __init__(self, archive: Path, address: str) -> None:
@@ -180,8 +177,13 @@ class ServingLock(ArchiveLock):
             owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             self.release()
             raise ArchiveServedError(f"{archive.resolve()} is already served by {owner or 'another process'}")
-        os.truncate(self._descriptor, 0)
-        os.pwrite(self._descriptor, f"process {os.getpid()} at {address}\n".encode(), 0)
+        try:
+            with disk_errors("the archive's lock cannot be written"):
+                os.truncate(self._descriptor, 0)
+                os.pwrite(self._descriptor, f"process {os.getpid()} at {address}\n".encode(), 0)
+        except BaseException:
+            self.release()
+            raise
 
 
 # Files beside the database with which SQLite completes or rolls back an interrupted transaction.
@@ -192,21 +194,6 @@ def has_journal(path: Path) -> bool:
     """Return whether a non-empty journal is beside the file, without which the file is incomplete."""
     beside = (path.with_name(path.name + ending) for ending in JOURNALS)
     return any(journal.is_file() and journal.stat().st_size > 0 for journal in beside)
-
-
-def put_in_place(finished: Path, target: Path) -> None:
-    """Rename a finished file to its target, atomically and durably across a loss of power."""
-    _sync(finished)
-    os.replace(finished, target)
-    _sync(target.parent)
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 RESERVE_BYTES = 2 * 1024**2

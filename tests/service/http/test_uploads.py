@@ -151,7 +151,7 @@ def test_no_room_for_the_upload_is_said(
         patch.setattr(SpooledTemporaryFile, "rollover", full)
         assert_problem(send(service.client, data, "large.off"), 507, "storage-full")
         patch.setattr(SpooledTemporaryFile, "rollover", _fail)
-        assert_problem(send(service.client, data, "large.off"), 500, "internal-error")
+        assert_problem(send(service.client, data, "large.off"), 503, "storage-unavailable")
     assert send(service.client, data, "large.off").status_code in {200, 201}
 
 

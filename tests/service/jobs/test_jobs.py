@@ -6,6 +6,8 @@ import os
 import threading
 import time
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from uuid import uuid4
@@ -21,6 +23,7 @@ from service.jobs import service as jobs_service
 from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
 from service.shapes import service as shapes_service
+from service.storage.database import Database, WriteSession
 from service.storage.tables import JobFileRow, JobRow
 from tests.core.io.test_glb import BESIDE, BINARY
 from tests.service.engines import on_both
@@ -459,6 +462,60 @@ def test_an_archive_that_cannot_be_written_is_no_job(
         jobs.receive(Broken(), DEFAULT_COLLECTION.number, "a", (), {})
     assert archives(clean) == []
     assert clean.rows(JobRow) == 0
+
+
+@on_both
+def test_a_job_that_was_stored_by_a_transaction_that_failed_at_its_end_has_its_archive(
+    clean: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = Database.write
+
+    @contextmanager
+    def stored_and_failed(database: Database) -> Iterator[WriteSession]:
+        with write(database) as session:
+            yield session
+        raise StorageUnavailableError("SQLITE_IOERR_FSYNC")
+
+    jobs = jobs_service.Jobs(clean.container.database, clean.container.settings)
+    with monkeypatch.context() as patch:
+        patch.setattr(Database, "write", stored_and_failed)
+        with pytest.raises(StorageUnavailableError):
+            jobs.receive(io.BytesIO(pack(meshes(range(1)))), DEFAULT_COLLECTION.number, "a", (), {})
+    (listed,) = clean.client.get("/jobs").json()["jobs"]
+    assert ended(clean.client, listed["id"])["counts"]["stored"] == 1
+
+
+def test_a_disk_that_fails_holds_up_a_job_and_refuses_nothing(
+    clean: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failures = []
+    open_file = Path.open
+
+    def fail(*_arguments: object) -> None:
+        failures.append(None)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    class Failing(io.BytesIO):
+        read = fail  # type: ignore[assignment]
+
+    monkeypatch.setattr("service.jobs.runner.PAUSES", (0.01,))
+    for failing in (fail, Failing):
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                Path, "open", lambda path, mode, f=failing: f() if mode == "rb" else open_file(path, mode)
+            )
+            before = len(failures)
+            job_id = begun(clean.client, pack(meshes([before])))
+            wait_until(lambda before=before: len(failures) > before + 4, seconds=60)
+        assert ended(clean.client, job_id)["counts"]["stored"] == 1
+    with monkeypatch.context() as patch:
+        unlink = Path.unlink
+        patch.setattr(
+            Path, "unlink", lambda path, **named: fail() if path.suffix == ".zip" else unlink(path, **named)
+        )
+        job_id = begun(clean.client, pack(meshes(range(1))))
+        assert ended(clean.client, job_id)["state"] == "done"
+        assert clean.client.delete(f"/jobs/{job_id}").status_code == 204
 
 
 def test_archives_are_beside_the_database_or_in_the_folder_of_the_settings(tmp_path: Path) -> None:

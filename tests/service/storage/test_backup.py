@@ -1,5 +1,7 @@
 """Backups: whole whatever happens meanwhile, and put back only where that loses nothing unasked."""
 
+import errno
+import os
 import resource
 import shutil
 import sqlite3
@@ -152,6 +154,50 @@ def test_a_journal_that_was_left_is_not_played_into_what_is_restored(
     restore(backup, left, replace=True)
     assert names(left) == ["2", "3", "4"]
     assert check(left, lock_seconds=1).faults == []
+
+
+# A reader that has not yet seen the journal: a process of its own, for locks are those of a process.
+LOCKED = """
+import fcntl, sys
+file = open(sys.argv[1], "r+b")
+fcntl.lockf(file, fcntl.LOCK_SH, 510, 0x40000002)
+print("locked", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_an_archive_whose_journal_cannot_be_applied_now_stays_with_it(
+    archive: Path, target: Path, tmp_path: Path
+) -> None:
+    left = half_done(archive, tmp_path)
+    backup = make_archive(target, 2, 3, 4)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", LOCKED, str(left)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == b"locked\n"
+    with pytest.raises(ArchiveError, match=r"the journal of .* cannot be applied: .*SQLITE_BUSY"):
+        restore(backup, left, replace=True)
+    holder.communicate()
+    assert names(left) == ["0", "1"]
+    assert check(left, lock_seconds=1).faults == []
+
+
+def test_a_disk_that_fails_is_no_fault_of_the_program(
+    archive: Path, target: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_arguments: object, **_named: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    for name in ("fsync", "replace", "unlink"):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, name, fail)
+            if name == "unlink":
+                patch.setattr(os, "fsync", fail)
+            with pytest.raises(ArchiveError, match="cannot be written: Input/output error"):
+                back_up(archive, target)
+            assert not target.exists()
+    back_up(archive, target)
 
 
 def test_an_archive_in_use_is_not_replaced(archive: Path, target: Path) -> None:
