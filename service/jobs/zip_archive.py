@@ -144,6 +144,7 @@ class ZipArchive:
 
     def __init__(self, file: BinaryIO, limits: Settings, read_directory: ReadDirectory) -> None:
         self._file, self._limits = file, limits
+        self._size = file.seek(0, 2)
         self._entries = self._directory(read_directory)
         # The buffers of glTF by their folder, and their bytes together.
         self._buffers: dict[str, list[_Entry]] = {}
@@ -158,7 +159,7 @@ class ZipArchive:
 
     def _directory(self, read_directory: ReadDirectory) -> list[_Entry]:
         most = self._limits.max_archive_files
-        size = self._file.seek(0, 2)
+        size = self._size
         longest = max(LEAST_DIRECTORY_BYTES, ENTRY_BYTES * most) + AFTER_DIRECTORY
         self._file.seek(max(0, size - longest))
         try:
@@ -248,7 +249,8 @@ class ZipArchive:
 
     def _pieces(self, entry: _Entry) -> Iterator[tuple[bytes, int]]:
         """Yield pieces of a member, of at most `PIECE` bytes, and the packed bytes read so far."""
-        self._file.seek(entry.offset)
+        # A file system may refuse a position far beyond the end.
+        self._file.seek(min(entry.offset, self._size))
         header = self._read(_LOCAL_HEADER.size)
         if len(header) < _LOCAL_HEADER.size or not header.startswith(_MAGIC[0]):
             raise MemberError("member-damaged", "it is not where the directory says")
