@@ -9,6 +9,7 @@ import io
 import warnings
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,8 @@ from core.arrays import Floats
 from core.errors import CoreError
 from core.io import read_mesh
 from core.mesh.mesh import face_normals
-from tests.soak.collections.copies import KINDS, Copy
+from tests.soak.collections import polygon_copies, scene_copies
+from tests.soak.collections.copies import MOST, Copy, Writer, by_core, by_trimesh
 from tests.soak.collections.folders import read, sample
 
 COPIES = 10
@@ -27,6 +29,47 @@ LARGEST = 1e-3
 LEAST_VOLUME = 1e-3
 """Least volume that a difference is measured by, over the area times the diagonal of the box: the volumes of
 the parts of an open surface cancel."""
+
+KINDS: dict[str, Writer] = {
+    "STL by core.io": by_core("stl"),
+    "STL by trimesh": by_trimesh("stl"),
+    "STL text by trimesh": by_trimesh("stl_ascii", "stl"),
+    "STL text of many solids": polygon_copies.stl_text,
+    "STL with attributes": polygon_copies.stl_binary,
+    "PLY by core.io": by_core("ply"),
+    "PLY by trimesh": by_trimesh("ply"),
+    "PLY text by trimesh": by_trimesh("ply", encoding="ascii"),
+    "PLY big-endian of polygons": polygon_copies.ply_big_endian,
+    "PLY text of polygons": partial(polygon_copies.ply_text, lists=False),
+    "PLY text with lists at vertices": partial(polygon_copies.ply_text, lists=True),
+    "PLY with lists and floats": polygon_copies.ply_lists,
+    "PLY of strips": polygon_copies.ply_strips,
+    "OFF by core.io": by_core("off"),
+    "OFF by trimesh": by_trimesh("off"),
+    "OFF of coloured polygons": polygon_copies.off_polygons,
+    "OFF with homogeneous coordinates": polygon_copies.off_homogeneous,
+    "OFF wrapped": polygon_copies.off_wrapped,
+    "OBJ by core.io": by_core("obj"),
+    "OBJ by trimesh": by_trimesh("obj"),
+    "OBJ of groups, counted back": polygon_copies.obj_blocks,
+    "OBJ of quadrilaterals": partial(polygon_copies.obj_polygons, most=2),
+    "OBJ of polygons, a group each": partial(polygon_copies.obj_polygons, most=MOST),
+    "GLB by core.io": by_core("glb"),
+    "GLB by trimesh": by_trimesh("glb"),
+    "GLB of instances": partial(scene_copies.gltf_instances, embedded=False),
+    "glTF of instances, embedded": partial(scene_copies.gltf_instances, embedded=True),
+    "glTF by trimesh, in a ZIP": by_trimesh("gltf", "zip"),
+    "GLB of many primitives": scene_copies.gltf_primitives,
+    "GLB of strips": scene_copies.gltf_strips,
+    "GLB of fans": scene_copies.gltf_fans,
+    "GLB quantized": scene_copies.gltf_quantized,
+    "GLB sparse": scene_copies.gltf_sparse,
+    "GLB with skin and morph target": scene_copies.gltf_posed,
+    "GLB of GPU instances": scene_copies.gltf_copies,
+    "3MF by core.io": by_core("3mf"),
+    "3MF of an assembly in inches": scene_copies.threemf_assembly,
+}
+"""What writes each kind of file."""
 
 CONCAVE, UNEQUAL = "cuts concave polygons into fans", "fails on rows of different lengths"
 FAULTS = {
@@ -82,13 +125,13 @@ def difference(found: Floats, expected: Floats) -> float:
     return float((np.abs(found - expected) / scales).max())
 
 
-def by_core(copy: Copy) -> Floats:
+def read_by_core(copy: Copy) -> Floats:
     """Return the figures by `core.io`, in the unit of the file."""
     mesh = read_mesh(copy.data, copy.ending)
     return figures(mesh.vertices[mesh.faces] / copy.unit)
 
 
-def by_trimesh(copy: Copy) -> Floats | None:
+def read_by_trimesh(copy: Copy) -> Floats | None:
     """Return the figures by trimesh; None if it does not read the file."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -110,9 +153,9 @@ def model(path: Path) -> Copy:
 def compared(row: Row, name: str, copy: Copy) -> None:
     """Add one file to the row of its kind."""
     row.files += 1
-    expected, theirs = figures(copy.triangles), by_trimesh(copy)
+    expected, theirs = figures(copy.triangles), read_by_trimesh(copy)
     try:
-        ours = by_core(copy)
+        ours = read_by_core(copy)
     except CoreError as error:
         row.theirs += theirs is not None
         row.wrong.append(f"{name}: {error}")
