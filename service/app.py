@@ -6,10 +6,11 @@ from collections.abc import AsyncIterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from functools import partial
+from inspect import iscoroutinefunction
 from threading import Event
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI, Request
 from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
 
@@ -50,10 +51,14 @@ from service.storage.database import Database, migrate
 from service.system.endpoints import router as service_router
 from service.system.endpoints import session_router
 from service.system.schemas import VERSION
+from service.turns import Shares, Turns
 from service.web.endpoints import router as page_router
 
 DESCRIPTOR_BYTES = 256 * 1024**2
 """Memory for descriptors of stored shapes: 26 kB each, 100 kB for an incomplete shape."""
+
+DOWNLOADS = 4
+"""Files that each client receives at a time: each is in memory until its last byte is sent."""
 
 # In the order of the OpenAPI document.
 ROUTERS = (
@@ -123,7 +128,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     for router in ROUTERS:
-        app.include_router(router)
+        app.include_router(router, dependencies=[Depends(_turn_in_thread, scope="function")])
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(
         BodyLimit,
@@ -140,6 +145,15 @@ def create_app(settings: Settings) -> FastAPI:
     handle_problems(app)
     describe(app, {PARAMETER: CHOOSING_PROBLEMS})
     return app
+
+
+async def _turn_in_thread(request: Request) -> AsyncIterator[None]:
+    """Let an endpoint that runs in a thread wait for the turn of its client."""
+    if iscoroutinefunction(request.scope["route"].endpoint):
+        yield
+    else:
+        async with request.app.state.container.database.turn():
+            yield
 
 
 def openapi_document() -> dict[str, Any]:
@@ -177,7 +191,8 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         readers,
         settings.limits,
         settings.read_seconds,
-        room=settings.workers + settings.queue_length,
+        settings.workers,
+        settings.queue_length,
         compiling=lambda: not (settings.scheduler or pool.pids() or is_compiled(parameters)),
     )
     log.info("the service starts", extra={"fields": {"version": VERSION, "workers": settings.workers}})
@@ -194,6 +209,8 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         in_flight=InFlight(),
         metrics=metrics,
         threads=threads,
+        batches=Turns(2 * settings.workers),
+        downloads=Shares(DOWNLOADS),
         searches=ActivityGate(),
         comparing_is_ready=Event(),
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES),

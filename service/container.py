@@ -18,16 +18,18 @@ from service.observability.metrics import Metrics
 from service.pipelines.active import Pipelines
 from service.settings import Settings
 from service.storage.database import Database
+from service.turns import Shares, Turns
 
 
 @dataclass(frozen=True)
 class Container:
     """All components that live from the start of the service to its end.
 
-    `threads` compare embeddings, and `searches` counts the searches that use them. `comparing_is_ready` is
-    set when compiled code and match records are loaded. `descriptors` caches descriptors of stored shapes by
-    the number of the embedding. `judging` has the shapes that are compared with others to find near-identical
-    ones, and whether the search is for variants.
+    `threads` compare embeddings in batches, of which each worker has one and one that waits; `batches` gives
+    clients their turns, and `searches` counts the searches that use them. `downloads` are the files that are
+    being sent. `comparing_is_ready` is set when compiled code and match records are loaded. `descriptors`
+    caches descriptors of stored shapes by the number of the embedding. `judging` has the shapes that are
+    compared with others to find near-identical ones, and whether the search is for variants.
     """
 
     settings: Settings
@@ -40,6 +42,8 @@ class Container:
     in_flight: InFlight
     metrics: Metrics
     threads: ThreadPoolExecutor
+    batches: Turns
+    downloads: Shares
     searches: ActivityGate
     comparing_is_ready: Event
     descriptors: EmbeddingCache[ShapeDescriptors]

@@ -237,6 +237,8 @@ class LocalPool(Executor):
     ----------
     workers : int
         The number of processes.
+    more : int
+        The number of further processes, each of which starts when all others have a task.
     seconds : float
         The time limit of a task. The pool then kills the process, and the future raises
         `TaskTimeLimitError`.
@@ -258,6 +260,7 @@ class LocalPool(Executor):
         self,
         workers: int,
         *,
+        more: int = 0,
         seconds: float,
         warm: Callable[[], object],
         start_seconds: float = START_SECONDS,
@@ -275,9 +278,11 @@ class LocalPool(Executor):
         self.closing = threading.Event()
         self.abandoned = threading.Event()
         self._submitting = threading.Lock()
-        self._slots = [WorkerSlot(self) for _ in range(workers)]
-        for slot in self._slots:
-            slot.start()
+        self._unfinished = 0
+        self._most = workers + more
+        self._slots: list[WorkerSlot] = []
+        for _ in range(workers):
+            self._add_slot()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
         """Call `fn(*args)` in a worker. Function, arguments and result must pickle; no keywords.
@@ -290,8 +295,21 @@ class LocalPool(Executor):
         with self._submitting:
             if self.closing.is_set():
                 raise RuntimeError("the pool is shut down")
+            self._unfinished += 1
+            if len(self._slots) < min(self._unfinished, self._most):
+                self._add_slot()
             self.tasks.put(task)
+        task.add_done_callback(self._count_down)
         return task
+
+    def _count_down(self, _task: Future[Any]) -> None:
+        with self._submitting:
+            self._unfinished -= 1
+
+    def _add_slot(self) -> None:
+        slot = WorkerSlot(self)
+        self._slots.append(slot)
+        slot.start()
 
     def ready(self) -> bool:
         """Return whether a worker is available: an idle or new worker answers, or a living one is busy."""

@@ -4,14 +4,15 @@ Executors do the work: processes on this machine, or a Dask cluster.
 """
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterable, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from contextlib import asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple, Union
 
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
 
 from core.errors import CannotBeEmbeddedError, MalformedMeshError, MeshError, MeshTooComplexError
 from core.io import Limits, MeshFile
@@ -33,7 +34,6 @@ from service.compute.sandbox import (
 )
 from service.compute.tasks import Embedded, embed_mesh
 from service.errors import (
-    BusyError,
     CompilingError,
     FileTimeLimitError,
     ServiceError,
@@ -41,11 +41,10 @@ from service.errors import (
     WorkerCrashedError,
     WorkerLostError,
 )
+from service.http.middleware import while_connected
 from service.observability.logging import get_logger
 from service.settings import Settings
-
-log = get_logger("compute")
-
+from service.turns import Turns
 
 if TYPE_CHECKING:
     from service.compute.cluster import ClusterPool
@@ -59,8 +58,8 @@ def start_executors(
 ) -> tuple[Executor, LocalPool]:
     """Start workers, warmed up for these parameters, and readers of uploads.
 
-    Workers may be those of a cluster. Readers are always confined processes on this machine. `replaced` is
-    called as by `LocalPool`.
+    Workers may be those of a cluster. Readers are always confined processes on this machine. One more of each
+    is for the place that `Turns` keeps for a client without any. `replaced` is called as by `LocalPool`.
     """
     workers: Executor
     if settings.scheduler:
@@ -73,6 +72,7 @@ def start_executors(
     else:
         workers = LocalPool(
             settings.workers,
+            more=1,
             seconds=settings.task_seconds,
             warm=partial(warm_once_compiled, parameters),
             start_seconds=START_SECONDS if is_compiled(parameters) else COMPILING_SECONDS,
@@ -80,6 +80,7 @@ def start_executors(
         )
     readers = LocalPool(
         settings.workers,
+        more=1,
         seconds=settings.task_seconds,
         warm=partial(sandbox.enter, settings.read_memory_bytes),
         replaced=replaced,
@@ -151,7 +152,7 @@ async def together(works: Iterable[Coroutine[Any, Any, Result]]) -> list[Result]
 
 @dataclass(eq=False)
 class RequestQueue:
-    """Reading, embedding and comparing shapes in worker processes.
+    """Reading, embedding and comparing shapes in worker processes, the requests of each client in turn.
 
     Attributes
     ----------
@@ -163,8 +164,9 @@ class RequestQueue:
         The limits of a file.
     read_seconds : float
         The limit of processor time for reading a file.
-    room, inside : int
-        The largest number of requests that may run or wait, and the number that do.
+    workers, length : int
+        The number of requests at work, and that of those that may wait; one more of each is for a client that
+        has none.
     compiling : callable
         Returns whether no worker can start before the kernels are compiled.
     """
@@ -173,46 +175,60 @@ class RequestQueue:
     readers: Executor
     limits: Limits
     read_seconds: float
-    room: int
+    workers: int
+    length: int = 0
     compiling: Callable[[], bool] = lambda: False
-    inside: int = field(default=0, init=False)
 
-    @contextmanager
-    def admitted(self) -> Iterator[None]:
-        """Count a request for the duration of the block.
+    def __post_init__(self) -> None:
+        self._requests = Turns(self.workers, room=self.workers + self.length)
+        self._tasks, self._readings = Turns(self.workers), Turns(self.workers)
+
+    @property
+    def room(self) -> int:
+        """The largest number of requests that may be at work or wait."""
+        return self.workers + self.length
+
+    @property
+    def inside(self) -> int:
+        """The number of requests that are at work or wait."""
+        return self._requests.inside
+
+    @asynccontextmanager
+    async def admitted(self, request: Request) -> AsyncIterator[None]:
+        """Wait for the turn of a request, which is at work for the duration of the block.
 
         Raises
         ------
         BusyError
-            `room` requests run or wait already.
+            `room` requests run or wait already, or the request has given way to that of another client.
+        ClientDisconnect
+            The client disconnected.
         CompilingError
             No worker can start yet.
         """
         if self.compiling():
             raise CompilingError
-        if self.inside >= self.room:
-            raise BusyError(f"{self.inside} requests are at work or waiting; try again later")
-        self.inside += 1
+        place = self._requests.ask()
         try:
+            if not place.held:
+                await while_connected(request, place)
             yield
         finally:
-            self.inside -= 1
+            self._requests.leave(place)
 
     async def embed(self, data: bytes, format: str, pipeline: Pipeline) -> Embedded:
         """Read a file and embed its mesh."""
         with _at_fault():
             file, milliseconds = await self._reading(data, format)
-            task = self.executor.submit(
-                embed_mesh, file.mesh, pipeline.parameters, milliseconds, file.warnings
-            )
+            work = self._in_turn(embed_mesh, file.mesh, pipeline.parameters, milliseconds, file.warnings)
             # The mesh goes once a worker has it.
             del file
-            return await asyncio.wrap_future(task)
+            return await work
 
     async def compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function on stored embeddings in a worker; too little memory is no fault of the request."""
         with short_of_memory(), _failures_logged():
-            return await asyncio.wrap_future(self.executor.submit(function, *arguments))
+            return await self._in_turn(function, *arguments)
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
@@ -241,7 +257,12 @@ class RequestQueue:
     async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
-            return await asyncio.wrap_future(self.executor.submit(function, *arguments))
+            return await self._in_turn(function, *arguments)
+
+    async def _in_turn(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
+        work = _in_turn(self._tasks, self.executor, function, *arguments)
+        del arguments
+        return await work
 
     async def _reading(self, data: bytes, format: str) -> tuple[MeshFile, float]:
         return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))
@@ -250,9 +271,10 @@ class RequestQueue:
         self, read: Callable[[bytes, str, Limits, float], bytes], data: bytes, format: str
     ) -> bytes:
         """Read a file in a confined process, whose answer is not trusted."""
-        reading = self.readers.submit(read, data, format, self.limits, self.read_seconds)
         try:
-            return await asyncio.wrap_future(reading)
+            return await _in_turn(
+                self._readings, self.readers, read, data, format, self.limits, self.read_seconds
+            )
         except WorkerCrashedError as error:
             # Another attempt would end another reader, so the client is not told to try again.
             raise MalformedMeshError("the reader of such files broke down over this one") from error
@@ -262,6 +284,29 @@ class RequestQueue:
             # A reader is not trusted, and may send any error that the service knows.
             log.error("a reader failed on a file", exc_info=error)
             raise MalformedMeshError("the reader of such files failed on this one") from error
+
+
+async def _in_turn(
+    turns: Turns, executor: Executor, function: Callable[[*Arguments], Result], *arguments: *Arguments
+) -> Result:
+    """Call a function in an executor when it is the turn of the client."""
+    loop, place = asyncio.get_running_loop(), turns.ask()
+
+    def leave(_task: object) -> None:
+        # Nothing waits for a turn after the end of the loop.
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(turns.leave, place)
+
+    try:
+        await place
+        task = executor.submit(function, *arguments)
+    except BaseException:
+        turns.leave(place)
+        raise
+    # A cancelled task has its process for some time yet.
+    task.add_done_callback(leave)
+    del arguments
+    return await asyncio.wrap_future(task)
 
 
 @contextmanager

@@ -19,8 +19,9 @@ from core.errors import CoreError
 from service.errors import WorkerCrashedError
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-NICENESS = 10
-"""Added to the niceness of a worker: queries, on threads of the service, go before embeddings of uploads."""
+NICENESS = 2
+"""Added to the niceness of a worker. With more, queries on the threads of the service would starve the
+workers, which queries of others need too."""
 
 BYTES, VALUE, ERROR = b"B", b"V", b"E"
 JSON_BYTES = 64 * 1024

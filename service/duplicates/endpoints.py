@@ -91,7 +91,7 @@ async def duplicates(
         bounds = Search(fingerprint, options.variants, options.min_cc, options.max_residual)
         return await service.find(container, shapes, bounds, active_pipeline, timings)
 
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, find_groups))
     if options.format == "csv":
         return Response(answer.csv(), media_type=MEDIA_TYPE)

@@ -14,6 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.errors import BusyError, FileTooLargeError, ServiceError, StalledBodyError, StorageFullError
 from service.http.middleware import client_of
 from service.http.problems import RefusedBodyError, problem_of
+from service.turns import Shares
 
 FORM_OVERHEAD = 1024 * 1024
 # The longest text of a shape, and the longest query, each with its characters written as \uXXXX. The time to
@@ -25,43 +26,43 @@ IN_MEMORY_BYTES = 1024 * 1024
 LEAST_BYTES = 64 * 1024
 # The server reads the rest of a body after the answer, if there is no more of it.
 DRAINED_BYTES = 64 * 1024
+# A client whose other requests go on is told to come again after this time.
+PATIENCE_SECONDS = 5.0
 
 
 class ClientQuotas:
-    """The bodies that are arriving, and the forms on disk, of each client.
+    """The requests with a body, and the forms on disk, of each client.
 
-    A client has a number of bodies. Its forms may occupy the size of the largest file, or a third of the
-    temporary folder if that is less, and more only while as much stays free for each of two other clients.
-    Use it in the event loop only.
+    A client has a number of requests with a body, until their answers. A further one waits, unread, for
+    `PATIENCE_SECONDS`. Its forms may occupy the size of the largest file, or a third of the temporary folder
+    if that is less, and more only while as much stays free for each of two other clients. Use it in the event
+    loop only.
 
-    `bodies` is the most bodies of one client that may arrive at a time, `largest` the size of the largest
-    file.
+    `bodies` is the most such requests of one client at a time, `largest` the size of the largest file.
     """
 
     def __init__(self, bodies: int, largest: int) -> None:
-        self._most = bodies
+        self._bodies = Shares(bodies)
         self._largest = largest + FORM_OVERHEAD
-        self._bodies: Counter[str] = Counter()
         self._bytes: Counter[str] = Counter()
 
-    def begin(self, client: str) -> None:
-        """Count a body.
+    async def begin(self, client: str) -> asyncio.Semaphore:
+        """Wait for a place for a body of a client; return what is to be released at the end of the request.
 
         Raises
         ------
         BusyError
-            Too many bodies of the client are arriving.
+            No request of the client has ended meanwhile.
         """
-        if self._bodies[client] >= self._most:
+        places = self._bodies.of(client)
+        try:
+            async with asyncio.timeout(PATIENCE_SECONDS):
+                await places.acquire()
+        except TimeoutError:
             raise BusyError(
-                f"{self._most} bodies of this client are arriving; try again when one is complete"
-            )
-        self._bodies[client] += 1
-
-    def end(self, client: str) -> None:
-        """Count a body no more: it is whole, or given up. A client without any is forgotten."""
-        self._bodies[client] -= 1
-        self._bodies += Counter()
+                f"{self._bodies.places} requests of this client have a body; try again when one has ended"
+            ) from None
+        return places
 
     def take(self, client: str, size: int) -> None:
         """Count bytes that are about to be written to the temporary folder.
@@ -142,7 +143,9 @@ class _Body:
         self._client = ""
         self._received = self._on_disk = 0
         self._waited = 0.0
-        self._arriving = self._refused = self.answered = False
+        self._refusal: ServiceError | None = None
+        self.answered = False
+        self._place: asyncio.Semaphore | None = None
         self._whole = not (self.declared or self._chunked)
 
     @property
@@ -150,27 +153,29 @@ class _Body:
         """Whether more of the body may follow than the server should read and drop."""
         if self._whole:
             return False
-        return self._refused or self._chunked or self.declared - self._received > DRAINED_BYTES
+        return self._refusal is not None or self._chunked or self.declared - self._received > DRAINED_BYTES
 
     async def receive(self) -> Message:
         """Return the next message of the server."""
         if self._whole:
             return await self._receive()
         try:
+            # Who waited for a turn meanwhile may have missed it.
+            if self._refusal is not None:
+                raise self._refusal
             return await self._next()
         except ServiceError as error:
             if self.answered:
                 # There is no second answer: the stream of the first one ends.
                 return {"type": "http.disconnect"}
-            self._refused = True
+            self._refusal = error
             raise RefusedBodyError(error) from error
 
     async def _next(self) -> Message:
-        if not self._arriving:
+        if self._place is None:
             # The key is known by now.
             self._client = client_of(self._scope)
-            self._quotas.begin(self._client)
-            self._arriving = True
+            self._place = await self._quotas.begin(self._client)
         start = time.monotonic()
         try:
             async with asyncio.timeout(self._seconds):
@@ -190,15 +195,10 @@ class _Body:
             self._on_disk += more
         if not message.get("more_body", False):
             self._whole = True
-            self._end()
         return message
-
-    def _end(self) -> None:
-        if self._arriving:
-            self._arriving = False
-            self._quotas.end(self._client)
 
     def close(self) -> None:
         """Free the client's room: the request is over, and its files are closed."""
-        self._end()
+        if self._place is not None:
+            self._place.release()
         self._quotas.free(self._client, self._on_disk)

@@ -5,7 +5,7 @@ import logging
 import re
 import time
 import uuid
-from collections.abc import Coroutine
+from collections.abc import Awaitable, Coroutine
 from typing import Any, NoReturn, TypeVar
 
 from h11 import LocalProtocolError
@@ -18,6 +18,7 @@ from service.errors import ServiceError, ShuttingDownError
 from service.http.problems import KIND_IN_SCOPE, problem_of, problem_response
 from service.observability.logging import get_logger, request_id
 from service.observability.metrics import METHODS, OTHER, Metrics
+from service.turns import Pace, current_client
 
 # Keys of the request's scope: the digest of its API key, for the log, and its grant.
 KEY_IN_SCOPE = "isoshape.key"
@@ -47,19 +48,24 @@ class AccessControl:
         scope[GRANT_IN_SCOPE] = grant
         if grant is not None and grant.digest is not None:
             scope[KEY_IN_SCOPE] = grant.digest
+        current_client.set(client_of(scope))
         await self._app(scope, receive, send)
 
 
 def client_of(scope: Scope) -> str:
     """Return the client of an admitted request: the digest of its key, or its address without keys."""
-    digest, client = scope.get(KEY_IN_SCOPE), scope.get("client")
-    return str(digest or (client[0] if client else ""))
+    digest, peer = scope.get(KEY_IN_SCOPE), scope.get("client")
+    return str(digest or (peer[0] if peer else ""))
 
 
 HEADER = "X-Request-ID"
 
 # Answers that change with what is stored, and may be for one key only.
 _PRIVATE = ("application/json", "application/problem+json", "text/csv")
+# Answers without any work: too many of them would be work.
+REFUSALS = frozenset(
+    {"body-too-large", "busy", "cross-site", "forbidden", "misdirected-request", "rate-limit", "unauthorized"}
+)
 # No answer: the client disconnected. Proxies use the same number.
 CLIENT_GONE = 499
 
@@ -74,6 +80,7 @@ class RequestContext:
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
         self._metrics = metrics
+        self._pace = Pace()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -93,6 +100,8 @@ class RequestContext:
         async def send_with_id(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
+                if scope.get(KIND_IN_SCOPE) in REFUSALS:
+                    await self._pace.wait(client_of(scope))
                 status = message["status"]
                 headers = MutableHeaders(scope=message)
                 headers[HEADER] = identifier
@@ -159,7 +168,7 @@ class RequestContext:
 Answer = TypeVar("Answer")
 
 
-async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -> Answer:
+async def while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
     """Return the result of the work. A body that has not been read by now is dropped.
 
     The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
@@ -181,7 +190,7 @@ async def while_connected(request: Request, work: Coroutine[Any, Any, Answer]) -
     return await unless(left(), work)
 
 
-async def unless(watch: Coroutine[Any, Any, NoReturn], work: Coroutine[Any, Any, Answer]) -> Answer:
+async def unless(watch: Coroutine[Any, Any, NoReturn], work: Awaitable[Answer]) -> Answer:
     """Return the result of the work, or raise the error of the watch if that comes first; end both."""
     doing, watching = asyncio.ensure_future(work), asyncio.ensure_future(watch)
     try:

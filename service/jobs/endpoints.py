@@ -2,7 +2,8 @@
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ from service.jobs.zip_archive import check_zip, shown
 from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
 from service.shapes.fields import base_name, clean_id
 from service.shapes.schemas import read_cursor
+from service.turns import current_client
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255
@@ -43,7 +45,7 @@ EVENT: dict[str, Any] = {
 }
 # The server sets this key of the ASGI scope to a function that tells whether the server is stopping.
 ENDING_IN_SCOPE = "isoshape.ending"
-# The most open streams. Each reads the database twice a second.
+# The most open streams. Each reads the database twice a second. A client has at most as many as stay free.
 FOLLOWERS = 100
 LOOK_SECONDS = 0.5
 # Proxies and networks close idle connections.
@@ -68,6 +70,21 @@ async def _receiving(request: Request, runner: InRunner, _collection: InCollecti
     # The collection comes first: without a right to it there is no place among the archives received.
     with runner.arriving(client_of(request.scope)):
         yield
+
+
+async def _following(runner: InRunner, _collection: InCollection) -> AsyncIterator[None]:
+    """Count a stream of a client until it ends; refuse it unless more may be opened than the client has."""
+    client, total = current_client.get(), runner.followers.total()
+    own = runner.followers[client]
+    if own >= FOLLOWERS - total:
+        raise BusyError(f"{total} streams are open, {own} of them of this client; GET the job instead")
+    runner.followers[client] += 1
+    try:
+        yield
+    finally:
+        runner.followers[client] -= 1
+        # Clients without a stream are forgotten.
+        runner.followers += Counter()
 
 
 class ArchiveUpload(BaseModel):
@@ -126,7 +143,13 @@ async def create_job(
     await run_in_threadpool(check_zip, file.file)
     archive = shown(base_name(file.filename or ""))[:ARCHIVE_CHARACTERS]
     job = await run_in_threadpool(
-        runner.jobs.receive, file.file, collection.number, archive, upload.tags, upload.metadata
+        runner.jobs.receive,
+        file.file,
+        current_client.get(),
+        collection.number,
+        archive,
+        upload.tags,
+        upload.metadata,
     )
     runner.look()
     response.headers["Location"] = address(f"{ADDRESS}/{job.id}", collection)
@@ -182,19 +205,18 @@ def list_job_files(
         },
         **documented("job-not-found", "busy", *READ_PROBLEMS),
     },
+    dependencies=[Depends(_following)],
 )
 async def follow_job(job_id: JobId, request: Request, runner: InRunner, collection: InCollection) -> Response:
     """Stream the progress of a job for `EventSource`; the stream ends with the job."""
-    read = partial(runner.jobs.read, collection.number, job_id)
-    job = await run_in_threadpool(read)
+    read = partial(runner.in_thread, partial(runner.jobs.read, collection.number, job_id))
+    job = await read()
     last = request.headers.get("Last-Event-ID")
     if job.has_ended and last == _event_id(job):
         return Response(status_code=204)
-    if len(runner.followers) >= FOLLOWERS:
-        raise BusyError(f"{FOLLOWERS} clients follow jobs already; GET /jobs/{job_id} tells as much")
     ending: Callable[[], bool] = request.scope.get(ENDING_IN_SCOPE, lambda: False)
     return StreamingResponse(
-        _events(read, job, runner.followers, ending, last),
+        _events(read, job, ending, last),
         media_type=MEDIA_TYPE,
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
@@ -207,9 +229,9 @@ async def follow_job(job_id: JobId, request: Request, runner: InRunner, collecti
 )
 async def cancel_job(job_id: JobId, runner: InRunner, collection: InCollection) -> Job:
     """Stop the job. Stored shapes stay; a job that has ended does not change."""
-    await run_in_threadpool(runner.jobs.cancel, collection.number, job_id)
+    await runner.in_thread(partial(runner.jobs.cancel, collection.number, job_id))
     runner.look()
-    return await run_in_threadpool(runner.jobs.read, collection.number, job_id)
+    return await runner.in_thread(partial(runner.jobs.read, collection.number, job_id))
 
 
 @router.delete(
@@ -220,7 +242,7 @@ async def cancel_job(job_id: JobId, runner: InRunner, collection: InCollection) 
 )
 async def delete_job(job_id: JobId, runner: InRunner, collection: InCollection) -> None:
     """Cancel the job, unless it has ended, and delete its record. Stored shapes stay."""
-    await run_in_threadpool(runner.jobs.cancel, collection.number, job_id, forget=True)
+    await runner.in_thread(partial(runner.jobs.cancel, collection.number, job_id, forget=True))
     runner.look()
 
 
@@ -230,16 +252,14 @@ def _event_id(job: Job) -> str:
 
 
 async def _events(
-    read: Callable[[], Job], job: Job, followers: set[object], ending: Callable[[], bool], last: str | None
+    read: Callable[[], Awaitable[Job]], job: Job, ending: Callable[[], bool], last: str | None
 ) -> AsyncIterator[str]:
     """Yield an event `progress` for each change of a job, and `end` when it has ended.
 
     `read` returns the current state of the job. `last` is the id of the last event that the client received.
     When `ending` returns true, the server is stopping and the stream ends; browsers then reconnect.
-    `followers` contains an object of the stream while it is open.
     """
-    stream, last_sent = object(), time.monotonic()
-    followers.add(stream)
+    last_sent = time.monotonic()
     try:
         yield f"retry: {RECONNECT_MILLISECONDS}\n\n"
         while True:
@@ -254,9 +274,7 @@ async def _events(
                 last_sent = time.monotonic()
                 yield ": \n\n"
             await asyncio.sleep(LOOK_SECONDS)
-            job = await run_in_threadpool(read)
+            job = await read()
     except ServiceError:
         # The job was deleted, or the database fails; the next request of the client gets the error.
         return
-    finally:
-        followers.discard(stream)

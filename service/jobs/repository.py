@@ -1,6 +1,6 @@
 """The SQL of jobs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -54,9 +54,10 @@ def count(session: ReadSession, collection: CollectionNumber) -> int:
     return session.scalar(select(func.count()).where(JobRow.collection_number == collection)) or 0
 
 
-def active_ids(session: ReadSession) -> set[str]:
-    """Return the ids of the unfinished jobs."""
-    return set(session.scalars(select(JobRow.id).where(_ACTIVE)))
+def active(session: ReadSession) -> dict[str, str]:
+    """Return the client of each unfinished job by the id of the job."""
+    query = select(JobRow.id, JobRow.client).where(_ACTIVE)
+    return {job_id: client for job_id, client in session.execute(query)}  # noqa: C416
 
 
 def counts(session: ReadSession, number: int) -> dict[str | None, int]:
@@ -88,12 +89,14 @@ def without_outcome(session: ReadSession, number: int) -> Sequence[JobFileRow]:
     return session.scalars(query.order_by(JobFileRow.position)).all()
 
 
-def claim(session: WriteSession, runner: str) -> JobRow | None:
-    """Take over the oldest job that no living service runs; return None if there is none."""
+def claim(session: WriteSession, runner: str, besides: Collection[str]) -> JobRow | None:
+    """Take over the oldest job that no living service runs, `besides` those of some clients; or None."""
     now = datetime.now(UTC)
     is_over = or_(JobRow.leased_until <= now, JobRow.leased_until > now + LONGEST_LEASE)
     free = or_(JobRow.leased_until.is_(None), is_over, JobRow.runner == runner)
-    row = session.scalars(select(JobRow).where(_ACTIVE, free).order_by(JobRow.number).limit(1)).one_or_none()
+    others = JobRow.client.not_in(besides)
+    query = select(JobRow).where(_ACTIVE, free, others).order_by(JobRow.number).limit(1)
+    row = session.scalars(query).one_or_none()
     if row is not None:
         row.runner, row.leased_until = runner, now + LEASE
     return row

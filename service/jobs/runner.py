@@ -1,4 +1,6 @@
-"""The runner of bulk jobs, which processes jobs in the order of their creation, member by member.
+"""The runner of bulk jobs, which processes the jobs of each client in the order of their creation.
+
+The jobs of several clients run at a time, and their members take turns.
 
 A member is stored like an upload, and its outcome is committed with its shape: if a service is killed, each
 member has both or neither, and the next service continues with the members without an outcome.
@@ -41,6 +43,7 @@ from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import ingest
 from service.storage.database import WriteSession
 from service.storage.tables import JobFileRow, JobRow
+from service.turns import Turns, current_client
 
 log = get_logger("jobs")
 
@@ -54,7 +57,7 @@ ROOM_SECONDS = 0.02
 # The most archives of one client that are received at a time: they occupy the temporary folder until they are
 # stored.
 ARRIVING = 2
-# Requests have priority, but a job waits no longer than this.
+# Requests have priority, but the jobs of a client wait no longer than this.
 PATIENCE_SECONDS = 5.0
 # Lack of memory, rather than the file, may have killed a worker.
 TRIES = 2
@@ -70,27 +73,38 @@ UNFORESEEN = ServiceError(PROBLEMS[ServiceError.kind].title)
 class Runner:
     """The runner of an archive's jobs, in the event loop of a service. Call `start`, then `stop`.
 
-    `followers` contains the open event streams; `active_members` is the number of members in work.
+    `followers` has the number of open event streams of each client.
     """
 
     def __init__(self, container: Container) -> None:
         self._container, self._database = container, container.database
         self.jobs = Jobs(container.database, container.settings)
+        self.in_thread = container.database.in_thread
         self._id = str(uuid.uuid4())
-        self._look = asyncio.Event()
-        self.active_members = 0
-        self.followers: set[object] = set()
+        self._changes: set[asyncio.Event] = set()
+        # Members of archives, which clients get in turn, and those of each client that are at work.
+        self._members = Turns(container.settings.workers)
+        self._active: Counter[str] = Counter()
+        self.followers: Counter[str] = Counter()
         self._arriving: Counter[str] = Counter()
-        self._faults = 0
+        # Failures of the jobs of each client since one of them ended, and unexpected ones of each job.
+        self._failures: Counter[str] = Counter()
+        self._faults: Counter[str] = Counter()
         self._running: asyncio.Task[None] | None = None
+
+    @property
+    def active_members(self) -> int:
+        """The number of members at work."""
+        return self._active.total()
 
     def start(self) -> None:
         """Start the runner."""
         self._running = asyncio.create_task(self._run())
 
     def look(self) -> None:
-        """Check now for a new or cancelled job."""
-        self._look.set()
+        """Check now for a new, cancelled or ended job."""
+        for change in self._changes:
+            change.set()
 
     @contextmanager
     def arriving(self, client: str) -> Iterator[None]:
@@ -123,28 +137,53 @@ class Runner:
             await self._database.writing(repository.release, self._id)
 
     async def _run(self) -> None:
+        """Work on the oldest job of each client."""
         pauses = iter(PAUSES)
-        while True:
+        works: dict[str, asyncio.Task[None]] = {}
+        with self._watched() as change:
             try:
-                job, is_open = await run_in_threadpool(self.jobs.claim, self._id)
-                if job is None:
-                    await self._changed(LOOK_SECONDS if is_open else IDLE_SECONDS)
-                    continue
-                await self._work_on(job)
-                pauses = iter(PAUSES)
-            except Exception as error:
-                if isinstance(error, OWN_FAULTS):
-                    log.warning("jobs wait: %s", error)
-                else:
-                    log.error("working on jobs failed", exc_info=error)
-                await asyncio.sleep(next(pauses, PAUSES[-1]))
+                while True:
+                    works = {name: work for name, work in works.items() if not work.done()}
+                    try:
+                        job, is_open = await run_in_threadpool(self.jobs.claim, self._id, works.keys())
+                    except Exception as error:
+                        await self._pause(error, next(pauses, PAUSES[-1]))
+                        continue
+                    pauses = iter(PAUSES)
+                    if job is None:
+                        await _changed(change, LOOK_SECONDS if is_open else IDLE_SECONDS)
+                        continue
+                    works[job.client] = asyncio.create_task(self._keep_at(job))
+                    works[job.client].add_done_callback(lambda _: self.look())
+            finally:
+                for work in works.values():
+                    work.cancel()
+                await asyncio.gather(*works.values(), return_exceptions=True)
+
+    async def _keep_at(self, job: JobRow) -> None:
+        """Work on a job for its client; after a failure, wait before the client's next attempt."""
+        current_client.set(job.client)
+        try:
+            await self._work_on(job)
+        except Exception as error:
+            self._failures[job.client] += 1
+            await self._pause(error, PAUSES[min(self._failures[job.client], len(PAUSES)) - 1])
+        else:
+            del self._failures[job.client]
+
+    async def _pause(self, error: Exception, seconds: float) -> None:
+        if isinstance(error, OWN_FAULTS):
+            log.warning("jobs wait: %s", error)
+        else:
+            log.error("working on jobs failed", exc_info=error)
+        await asyncio.sleep(seconds)
 
     async def _work_on(self, job: JobRow) -> None:
         """Process the rest of a job; returns when it has ended, here or in another service."""
         log.info("a job starts or continues", extra={"fields": {"job": job.id}})
         try:
             await unless(self._renew_until_lost(job), self._do(job))
-            self._faults = 0
+            del self._faults[job.id]
             log.info("a job has ended", extra={"fields": {"job": job.id}})
         except JobLostError:
             log.info("a job was ended or taken over by another service", extra={"fields": {"job": job.id}})
@@ -153,10 +192,10 @@ class Runner:
         except (ArchiveTooLargeError, MalformedArchiveError) as error:
             await run_in_threadpool(self.jobs.end, job, "failed", error)
         except Exception:
-            self._faults += 1
-            if self._faults == FAULTS:
+            self._faults[job.id] += 1
+            if self._faults[job.id] == FAULTS:
                 # Later jobs must not wait forever.
-                self._faults = 0
+                del self._faults[job.id]
                 await run_in_threadpool(self.jobs.end, job, "failed", UNFORESEEN)
             raise
 
@@ -172,20 +211,23 @@ class Runner:
     ) -> None:
         """Process members, one after another, until none is left."""
         while True:
-            async with turn:
-                taken = await run_in_threadpool(next, members, None)
-            if taken is None:
-                return
-            file, data = taken
-            if not isinstance(data, bytes):
-                await self._database.writing(repository.settle, file, "refused", fault=data)
-                continue
-            await self._wait_for_worker()
-            self.active_members += 1
-            try:
-                await self._store(job, file, data)
-            finally:
-                self.active_members -= 1
+            # A member is read once its client has a turn: no more of them are in memory.
+            async with self._members.turn():
+                async with turn:
+                    taken = await run_in_threadpool(next, members, None)
+                if taken is None:
+                    return
+                file, data = taken
+                if not isinstance(data, bytes):
+                    await self._database.writing(repository.settle, file, "refused", fault=data)
+                    continue
+                await self._wait_for_worker(job.client)
+                self._active[job.client] += 1
+                try:
+                    await self._store(job, file, data)
+                finally:
+                    self._active[job.client] -= 1
+                    self._active += Counter()
 
     async def _store(self, job: JobRow, file: JobFileRow, data: bytes) -> None:
         """Store a member like an upload, or write the reason of refusal."""
@@ -215,22 +257,34 @@ class Runner:
                 await asyncio.sleep(PAUSES[0])
         await self._database.writing(repository.settle, file, "refused", fault=fault)
 
-    async def _wait_for_worker(self) -> None:
+    async def _wait_for_worker(self, client: str) -> None:
         """Wait for a worker that no request needs."""
         since = time.monotonic()
         while self._container.queue.inside + self.active_members >= self._container.settings.workers:
-            if not self.active_members and time.monotonic() - since > PATIENCE_SECONDS:
+            if not self._active[client] and time.monotonic() - since > PATIENCE_SECONDS:
                 return
             await asyncio.sleep(ROOM_SECONDS)
 
     async def _renew_until_lost(self, job: JobRow) -> NoReturn:
         """Renew the lease of a job; JobLostError ends this."""
-        while True:
-            await self._changed(BEAT_SECONDS)
-            await self._database.writing(repository.renew, job.number, self._id)
+        with self._watched() as change:
+            while True:
+                await _changed(change, BEAT_SECONDS)
+                await self._database.writing(repository.renew, job.number, self._id)
 
-    async def _changed(self, seconds: float) -> None:
-        """Wait for a change, but no longer than some seconds."""
-        with suppress(TimeoutError):
-            await asyncio.wait_for(self._look.wait(), seconds)
-        self._look.clear()
+    @contextmanager
+    def _watched(self) -> Iterator[asyncio.Event]:
+        """Yield an event that `look` sets, for the duration of the block."""
+        change = asyncio.Event()
+        self._changes.add(change)
+        try:
+            yield change
+        finally:
+            self._changes.discard(change)
+
+
+async def _changed(change: asyncio.Event, seconds: float) -> None:
+    """Wait for a change, but no longer than some seconds."""
+    with suppress(TimeoutError):
+        await asyncio.wait_for(change.wait(), seconds)
+    change.clear()

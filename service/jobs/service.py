@@ -7,7 +7,8 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Generator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -72,6 +73,7 @@ class Jobs:
     def receive(
         self,
         file: BinaryIO,
+        client: str,
         collection: CollectionNumber,
         archive: str,
         tags: Sequence[str],
@@ -86,21 +88,22 @@ class Jobs:
         CollectionNotFoundError
             The collection was deleted.
         BusyError
-            The largest number of jobs is unfinished.
+            The largest number of jobs is unfinished, or the client has its share of them.
         StorageFullError, StorageUnavailableError
             The archive cannot be written.
         """
         with self._database.read() as session:
-            self._check_room(session)
+            self._check_room(session, client)
         job_id = str(uuid.uuid4())
         path = self.archive_path(job_id)
         try:
             with disk_errors("the archive cannot be written"):
                 size = _copy(file, path)
             with self._database.write() as session:
-                self._check_room(session)
+                self._check_room(session, client)
                 collections_repository.require(session, collection)
-                values = {"archive": archive, "size": size, "tags": list(tags), "meta": dict(metadata)}
+                values = {"client": client, "archive": archive, "size": size}
+                values |= {"tags": list(tags), "meta": dict(metadata)}
                 job = repository.add(session, job_id, collection, values)
                 return _shown(session, job)
         except BaseException:
@@ -152,8 +155,8 @@ class Jobs:
                 repository.remove(session, job.number)
         self._remove_unless_active(job_id)
 
-    def claim(self, runner: str) -> tuple[JobRow | None, bool]:
-        """Clear old records, and take over a job that no living service runs.
+    def claim(self, runner: str, besides: Collection[str]) -> tuple[JobRow | None, bool]:
+        """Clear old records, and take over a job that no living service runs, but none of some clients.
 
         Returns
         -------
@@ -164,7 +167,7 @@ class Jobs:
         if not is_open:
             return None, False
         with self._database.write() as session:
-            return repository.claim(session, runner), True
+            return repository.claim(session, runner, besides), True
 
     def begin(
         self, job: JobRow, read_directory: ReadDirectory
@@ -219,7 +222,7 @@ class Jobs:
             Whether a job is unfinished.
         """
         with self._database.read() as session:
-            active = repository.active_ids(session)
+            active = repository.active(session)
             gone = repository.ended_before(session, datetime.now(UTC) - keep)
         for number in gone:
             with self._database.write(deleting=True) as session:
@@ -234,13 +237,17 @@ class Jobs:
     def _remove_unless_active(self, job_id: str) -> None:
         """Remove the archive of a job that has ended or is not stored; if the disk fails, `clear` does it."""
         with suppress(OSError, ServiceError), self._database.read() as session:
-            if job_id not in repository.active_ids(session):
+            if job_id not in repository.active(session):
                 self.archive_path(job_id).unlink(missing_ok=True)
 
-    def _check_room(self, session: ReadSession) -> None:
-        most = self._settings.max_jobs
-        if len(repository.active_ids(session)) >= most:
-            raise BusyError(f"{most} jobs are unfinished; send the archive when one has ended")
+    def _check_room(self, session: ReadSession, client: str) -> None:
+        """Raise BusyError unless more jobs may come than the client has: none fills the room of others."""
+        active = Counter(repository.active(session).values())
+        if active[client] >= self._settings.max_jobs - active.total():
+            raise BusyError(
+                f"{active.total()} jobs are unfinished, {active[client]} of them of this client; send the "
+                "archive when one has ended"
+            )
 
 
 def _row(session: ReadSession, collection: CollectionNumber, job_id: str) -> JobRow:

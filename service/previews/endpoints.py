@@ -67,7 +67,7 @@ async def read_thumbnail(
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    data = await while_connected(request, _thumbnail(container, collection.number, shape, int(size)))
+    data = await _thumbnail(request, container, collection.number, shape, int(size))
     return Response(data, media_type="image/png", headers=headers)
 
 
@@ -89,7 +89,7 @@ async def read_preview(
     headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         data = await container.database.reading(file_repository.file_of, collection.number, shape_id)
         glb = await while_connected(request, _preview(container, data, shape.format))
     return Response(glb, media_type=MEDIA_TYPE, headers=headers)
@@ -107,7 +107,7 @@ async def make_preview(
 ) -> Response:
     """Return the preview of a file that is not stored: a page shows it beside the answer to a query."""
     mesh_format = format_of(upload.file.filename or "")
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         data = await upload.file.read()
         glb = await while_connected(request, _preview(container, data, mesh_format))
     return Response(glb, media_type=MEDIA_TYPE)
@@ -132,17 +132,21 @@ def view_shape(shape_id: ShapeId, request: Request, container: Service, collecti
 
 
 async def _thumbnail(
-    container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
+    request: Request, container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
 ) -> bytes:
     """Return the stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
     key = shape.sha256, shape.format, size, DRAWING
     stored = await container.database.reading(file_repository.thumbnail, *key)
     if stored is not None:
         return stored
-    data = await container.database.reading(file_repository.file_of, collection, shape.id)
-    with container.queue.admitted():
+
+    async def drawing() -> bytes:
+        data = await container.database.reading(file_repository.file_of, collection, shape.id)
         mesh = await container.queue.read(data, shape.format)
-        drawn = await container.queue.do(draw, mesh, shape.format, size)
+        return await container.queue.do(draw, mesh, shape.format, size)
+
+    async with container.queue.admitted(request):
+        drawn = await while_connected(request, drawing())
     try:
         await container.database.writing(file_repository.store_thumbnail, *key, drawn)
     except (StorageFullError, StorageUnavailableError) as error:

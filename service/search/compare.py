@@ -138,7 +138,7 @@ async def compare(
     work = partial(
         _compare, container, collection.number, body.first, body.second, options, timings, dense=dense
     )
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("compare", timings.milliseconds)
     if options.format == "html" and isinstance(body.first, str) and isinstance(body.second, str):

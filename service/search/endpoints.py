@@ -81,7 +81,7 @@ async def query(
     options = body.model_copy(update={name: getattr(address, name) for name in in_address})
     shapes, timings, number = options.filtered(collection.number), Timings(), collection.number
     mesh_format = "" if isinstance(body, StoredQuery) else format_of(body.file.filename or "")
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         if isinstance(body, StoredQuery):
             exclude_self = options.exclude_self is not False
             make_query = partial(query_of_shape, container, number, body.shape_id, exclude_self)
@@ -141,5 +141,5 @@ async def read_map(
     async def lay_out(active_pipeline: ActivePipeline) -> MapAnswer:
         return await run_in_threadpool(similarity_map_of, container, shape_filter, active_pipeline)
 
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         return await while_connected(request, with_active_pipeline(container, lay_out))

@@ -339,8 +339,13 @@ async def in_batches(container: Container, score: Callable[[Ints], Any], rows: I
     workers = container.settings.workers
     count = workers * max(1, math.ceil(len(numbers) / (workers * length)))
     length = max(1, math.ceil(len(numbers) / count))
-    batches: list[asyncio.Future[Floats]] = []
-    pending: set[asyncio.Future[Floats]] = set()
+    batches: list[asyncio.Task[Floats]] = []
+    pending: set[asyncio.Task[Floats]] = set()
+
+    async def on_thread(part: Ints) -> Floats:
+        async with container.batches.turn():
+            return await asyncio.wrap_future(container.threads.submit(score, part))
+
     try:
         with short_of_memory():
             for start in range(0, max(1, len(numbers)), length):
@@ -349,10 +354,7 @@ async def in_batches(container: Container, score: Callable[[Ints], Any], rows: I
                     for batch in done:
                         batch.result()
                 part = numbers[start : start + length]
-                if iscoroutinefunction(score):
-                    batch = asyncio.ensure_future(score(part))
-                else:
-                    batch = asyncio.wrap_future(container.threads.submit(score, part))
+                batch = asyncio.create_task(score(part) if iscoroutinefunction(score) else on_thread(part))
                 batches.append(batch)
                 pending.add(batch)
             await asyncio.gather(*pending)

@@ -229,7 +229,7 @@ async def create_shape(
     whole. Shapes of an assembly are independent afterwards: each is changed, deleted and restored by itself.
     """
     mesh_format = format_of(upload.file.filename or "")
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         new = NewShape(
             data=await upload.file.read(),
             format=mesh_format,
@@ -333,7 +333,7 @@ async def restore_shape(
 
     Its file is embedded if the pipeline in use has not embedded it.
     """
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         restored = service.restore(container, collection.number, shape_id)
         return Shape.of(await while_connected(request, restored))
 

@@ -1,11 +1,13 @@
 """The endpoints of a shape's file and embedding: read, export and replace them."""
 
 import io
+from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
 
 import numpy as np
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi.responses import StreamingResponse
 
 from core.embedding import Embedding
 from core.errors import MeshTooComplexError
@@ -26,6 +28,7 @@ from service.shapes.records import NewFile, ShapeRecord
 from service.shapes.schemas import ARRAYS, EmbeddingArrays, Shape
 from service.shapes.service import Put, get, store_files
 from service.storage.database import ReadSession, WriteSession
+from service.turns import current_client
 
 if TYPE_CHECKING:
     WrittenFormat = str
@@ -33,6 +36,8 @@ else:
     WrittenFormat = Literal[writable()]
 
 router = APIRouter(tags=["shapes"])
+
+PIECE_BYTES = 256 * 1024
 
 REPLACEMENT = RequestBody(Replacement)
 
@@ -48,12 +53,24 @@ ETAG_HEADER: dict[str, Any] = {
 }
 
 
+async def _pieces(data: bytes) -> AsyncIterator[bytes]:
+    """Yield bytes piece by piece: of the whole the server would say at once that it is sent."""
+    for start in range(0, len(data), PIECE_BYTES):
+        yield data[start : start + PIECE_BYTES]
+
+
+async def _receiving(container: Service) -> AsyncIterator[None]:
+    """Wait until the client receives few enough files, and count this one until it is sent."""
+    async with container.downloads.of(current_client.get()):
+        yield
+
+
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
 @router.get(
     "/shapes/{shape_id}/file",
     response_class=Response,
     summary="Get the file",
-    dependencies=[once("format")],
+    dependencies=[once("format"), Depends(_receiving)],
     responses={
         200: {
             "description": "The bytes of the uploaded file, with their SHA-256 as ETag; or the mesh in "
@@ -107,7 +124,7 @@ async def read_file(
         return Response(status_code=304, headers={"ETag": tag})
     size = shape.bytes
     if not stored:
-        with container.queue.admitted():
+        async with container.queue.admitted(request):
             data = await while_connected(request, exported(container, collection.number, shape, kind))
         size = len(data)
     headers = {
@@ -115,8 +132,8 @@ async def read_file(
         "ETag": tag,
         "Content-Disposition": disposition(shape.name, form),
     }
-    body = b"" if request.method == "HEAD" else data
-    return Response(body, media_type=form.media_type, headers=headers)
+    body = b"" if request.method == "HEAD" or data is None else data
+    return StreamingResponse(_pieces(body), media_type=form.media_type, headers=headers)
 
 
 @router.put(
@@ -141,7 +158,7 @@ async def replace_file(
 ) -> Shape:
     """Read another file and embed its mesh; the shape's id, name, tags and metadata stay."""
     mesh_format = format_of(upload.file.filename or "")
-    with container.queue.admitted():
+    async with container.queue.admitted(request):
         file = NewFile(await upload.file.read(), mesh_format)
         work = store_replacement(container, collection.number, shape_id, file, if_match)
         record = await while_connected(request, work)

@@ -5,8 +5,9 @@ A new database gets its tables here, and the archive of an older version its mig
 
 import sqlite3
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, nullcontext
+from contextvars import ContextVar
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -29,10 +30,16 @@ from service.storage.columns import POSTGRESQL
 from service.storage.postgresql import StillServerWatch, check_server, open_postgresql
 from service.storage.sqlite import WRITES, ArchiveLock, DatabaseFile, open_sqlite, path_of, without_references
 from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, ShapeRow, Table
+from service.turns import Turns
 
 log = get_logger("storage")
 
 POSTGRESQL_DISK_FULL = "53100"
+
+THREADS = 8
+"""The most threads at a time that read or write for light requests; more would wait for each other."""
+
+_has_turn: ContextVar[bool] = ContextVar("has_turn", default=False)
 
 T = TypeVar("T")
 P = ParamSpec("P")
@@ -97,6 +104,7 @@ class Database:
         self._metrics = metrics or Metrics()
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
+        self._turns = Turns(THREADS)
         named = make_url(url)
         self._lock: ArchiveLock | None
         self._file: DatabaseFile | None
@@ -147,7 +155,7 @@ class Database:
             with self.read() as session:
                 return function(session, *values, **named)
 
-        return await to_thread.run_sync(call)
+        return await self.in_thread(call)
 
     async def writing(
         self, function: Callable[Concatenate[WriteSession, P], T], *values: P.args, **named: P.kwargs
@@ -158,7 +166,25 @@ class Database:
             with self.write() as session:
                 return function(session, *values, **named)
 
-        return await to_thread.run_sync(call)
+        return await self.in_thread(call)
+
+    async def in_thread(self, function: Callable[[], T]) -> T:
+        """Call a function, which opens sessions itself, in a thread; return its result."""
+        async with self.turn():
+            return await to_thread.run_sync(function)
+
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[None]:
+        """Wait for the turn of the client at the threads that use the database, unless this task has it."""
+        if _has_turn.get():
+            yield
+            return
+        async with self._turns.turn():
+            token = _has_turn.set(True)
+            try:
+                yield
+            finally:
+                _has_turn.reset(token)
 
     @contextmanager
     def connect(self) -> Iterator[Connection]:

@@ -306,6 +306,7 @@ class JudgedShapeRow(Table):
 class JobRow(Table):
     """A bulk job, which stores the members of an archive.
 
+    `client` is the digest of the key that sent the archive, or the address without keys.
     `number` increases in the order of creation. `state` is one of `service.jobs.schemas.State`. `runner`
     identifies the service that runs the job; it counts as dead after `leased_until`. Until the job ends, its
     archive is a file (`service.jobs.service.Jobs.archive_path`).
@@ -321,6 +322,7 @@ class JobRow(Table):
     number: Mapped[int] = mapped_column(primary_key=True)
     id: Mapped[str] = mapped_column(AnyText(36), unique=True)
     collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
+    client: Mapped[str] = mapped_column(String(64))
     state: Mapped[str] = mapped_column(String(16))
     archive: Mapped[str] = mapped_column(String(255))
     size: Mapped[int]

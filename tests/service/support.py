@@ -1,5 +1,6 @@
 """A real service on loopback, and meshes to send to it."""
 
+import asyncio
 import multiprocessing
 import threading
 import time
@@ -25,6 +26,7 @@ from service.container import Container
 from service.server.uvicorn_server import config
 from service.settings import Settings
 from service.storage.tables import Table
+from service.turns import Place
 from tests.service.engines import url_in
 
 
@@ -99,6 +101,26 @@ def serving(
     finally:
         server.should_exit = True
         thread.join()
+
+
+@contextmanager
+def requests_at_work(running: Running, many: int) -> Iterator[None]:
+    """Have so many places in the queue, as requests at work have them."""
+    loop, turns = running.server.servers[0].get_loop(), running.container.queue._requests
+
+    async def ask() -> list[Place]:
+        return [turns.ask() for _ in range(many)]
+
+    async def leave() -> None:
+        for place in places:
+            turns.leave(place)
+
+    places = asyncio.run_coroutine_threadsafe(ask(), loop).result()
+    assert all(place.held for place in places)
+    try:
+        yield
+    finally:
+        asyncio.run_coroutine_threadsafe(leave(), loop).result()
 
 
 def module_service(

@@ -18,7 +18,7 @@ ORDER = (
     "core.matching.kernels", "core.matching", "core.dense", "core.ranking", "core.serialization",
     "core.sparse_embedding", "core.pipeline",
     "core.gallery", "core.evaluation", "core",
-    "service.errors", "service.collection", "service.observability", "service.storage",
+    "service.errors", "service.turns", "service.collection", "service.observability", "service.storage",
     "service.storage.migrations.versions", "service.storage.migrations", "service.auth", "service.settings",
     "service.http", "service.rendering", "service.web", "service.compute",
     "service.index", "service.pipelines", "service.container", "service.collections",

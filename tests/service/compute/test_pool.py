@@ -91,6 +91,26 @@ def test_both_workers_work_at_a_time(tmp_path: Path) -> None:
             assert future.result() is None
 
 
+def test_a_further_process_starts_when_all_others_have_a_task(tmp_path: Path) -> None:
+    def rendezvous(number: int) -> tuple[str, str]:
+        return str(tmp_path / f"{number} begun"), str(tmp_path / f"{number} end")
+
+    with LocalPool(1, more=1, seconds=60, warm=warm) as pool:
+        for number in range(3):
+            assert pool.submit(add, number, 1).result() == number + 1
+        wait_until(lambda: pool.counts().idle == 1, seconds=60)
+        assert len(pool.pids()) == 1
+        tasks = [pool.submit(meet, *rendezvous(number)) for number in range(3)]
+        for number in range(2):
+            wait_until(Path(rendezvous(number)[0]).exists, seconds=60)
+        assert len(pool.pids()) == 2
+        assert pool.counts().waiting == 1
+        assert not Path(rendezvous(2)[0]).exists()
+        for number in range(3):
+            Path(rendezvous(number)[1]).touch()
+        assert [task.result() for task in tasks] == [None] * 3
+
+
 def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(
     workers: Pool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,7 +21,14 @@ from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
 from tests.service.engines import on_postgresql, url_in
-from tests.service.support import Running, serving, settings_in, small_file, wait_until
+from tests.service.support import (
+    Running,
+    requests_at_work,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+)
 from tests.service.tasks import meet
 from tests.studies.copies import moved
 from tests.studies.duplicates import groups_by_force, parts
@@ -256,7 +263,7 @@ def test_requests_and_tasks_come_before_the_background(tmp_path: Path) -> None:
     with serving(settings_in(tmp_path, workers=2, duplicates_in_background=True)) as running:
         container = running.container
         try:
-            with container.queue.admitted():
+            with requests_at_work(running, 1):
                 for seed in range(2):
                     running.store(copy_of_plane(seed), f"{seed}.off")
                 wait_until(container.comparing_is_ready.is_set, seconds=60)

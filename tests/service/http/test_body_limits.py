@@ -1,12 +1,14 @@
 """The share of each client in the temporary folder, and the size of JSON."""
 
+import asyncio
 import json
 import shutil
 from typing import Any
 
 import pytest
 
-from service.errors import StorageFullError
+from service.errors import BusyError, StorageFullError
+from service.http import body_limits
 from service.http.body_limits import FORM_OVERHEAD, ClientQuotas
 from service.http.problem_document import FAULTS
 from tests.service.http.responsiveness import assert_others_are_served
@@ -56,6 +58,23 @@ def test_three_clients_have_room_for_a_large_body_each(monkeypatch: pytest.Monke
 def test_a_client_alone_has_all_but_two_large_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
     disk = Disk(monkeypatch, 300 * MB, 10 * MB)
     assert disk.write("only", 300 * MB) == 280 * MB
+
+
+def test_a_further_body_waits_for_an_end_and_not_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run() -> None:
+        quotas = ClientQuotas(2, MB)
+        places = [await quotas.begin("many") for _ in range(2)]
+        further = asyncio.create_task(quotas.begin("many"))
+        await quotas.begin("other")
+        assert list(quotas._bodies._clients) == ["many"]
+        assert not further.done()
+        places.pop().release()
+        places.append(await further)
+        monkeypatch.setattr(body_limits, "PATIENCE_SECONDS", 0.01)
+        with pytest.raises(BusyError):
+            await quotas.begin("many")
+
+    asyncio.run(run())
 
 
 def post(service: Running, body: dict[str, Any]) -> Any:

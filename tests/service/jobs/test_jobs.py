@@ -41,7 +41,13 @@ from tests.service.jobs.support import (
     zip_link,
     zipped,
 )
-from tests.service.support import Running, assert_problem, small_file, wait_until
+from tests.service.support import (
+    Running,
+    assert_problem,
+    requests_at_work,
+    small_file,
+    wait_until,
+)
 
 
 @pytest.fixture
@@ -218,7 +224,7 @@ def test_progress_as_events(clean: Running, held: threading.Event) -> None:
 def test_only_so_many_follow_at_a_time(
     clean: Running, held: threading.Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(endpoints, "FOLLOWERS", 2)
+    monkeypatch.setattr(endpoints, "FOLLOWERS", 4)
     job_id = begun(clean.client, pack(meshes(range(2))))
     address = f"/jobs/{job_id}/events"
 
@@ -335,8 +341,7 @@ def test_requests_come_before_files(clean: Running, held: threading.Event) -> No
 
 
 def test_files_wait_while_requests_want_the_workers(clean: Running) -> None:
-    work = clean.container.queue
-    with work.admitted(), work.admitted():
+    with requests_at_work(clean, 2):
         job_id = begun(clean.client, pack(meshes(range(4))))
         wait_until(lambda: job(clean.client, job_id)["state"] == "running", seconds=180)
         wait_until(lambda: job(clean.client, job_id)["counts"]["stored"] >= 1, seconds=180)
@@ -459,7 +464,7 @@ def test_an_archive_that_cannot_be_written_is_no_job(
 
     jobs = jobs_service.Jobs(clean.container.database, clean.container.settings)
     with pytest.raises(error):
-        jobs.receive(Broken(), DEFAULT_COLLECTION.number, "a", (), {})
+        jobs.receive(Broken(), "", DEFAULT_COLLECTION.number, "a", (), {})
     assert archives(clean) == []
     assert clean.rows(JobRow) == 0
 

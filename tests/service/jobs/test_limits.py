@@ -19,7 +19,7 @@ strict = module_service(
     max_archive_files=3,
     max_unpacked_bytes=4 * MEMBER,
     max_unpacked_ratio=2.0,
-    max_jobs=2,
+    max_jobs=4,
 )
 
 

@@ -1,0 +1,168 @@
+"""Turns of clients at work that is limited, and the pace of refusals: no client starves another."""
+
+import asyncio
+import math
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from contextvars import ContextVar
+from weakref import WeakValueDictionary
+
+from service.errors import BusyError
+
+current_client: ContextVar[str] = ContextVar("client", default="")
+"""The client that the current work is for: the digest of its key, or its address; empty for the service."""
+
+
+REFUSALS_PER_SECOND = 20
+MOST_SECONDS = 5.0
+
+
+class Pace:
+    """Delays refusals, so that a client that repeats a refused request at once does not occupy the service.
+
+    A client gets `REFUSALS_PER_SECOND`; each waits `MOST_SECONDS` at most. Use it in one event loop only.
+    """
+
+    def __init__(self) -> None:
+        self._next: dict[str, float] = {}
+
+    async def wait(self, client: str) -> None:
+        """Wait until a client may be told of the next refusal."""
+        now = time.monotonic()
+        self._next = {name: moment for name, moment in self._next.items() if moment > now}
+        moment = self._next.get(client, now)
+        self._next[client] = min(moment + 1 / REFUSALS_PER_SECOND, now + MOST_SECONDS)
+        await asyncio.sleep(moment - now)
+
+
+class Shares:
+    """Places of which each client has so many, and takes none of others. Use it in one event loop only."""
+
+    def __init__(self, places: int) -> None:
+        self.places = places
+        # Clients without a place are forgotten.
+        self._clients: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
+
+    def of(self, client: str) -> asyncio.Semaphore:
+        """Return the places of a client, to be acquired and released while this object is kept."""
+        return self._clients.setdefault(client, asyncio.Semaphore(self.places))
+
+
+class Place(asyncio.Future[None]):
+    """A place at work, or the wait for it: done once the client has the place."""
+
+    def __init__(self, client: str) -> None:
+        super().__init__()
+        self.client = client
+
+    @property
+    def held(self) -> bool:
+        """Whether the client was given the place."""
+        return self.done() and not self.cancelled() and self.exception() is None
+
+
+class Turns:
+    """Places at work, which clients get in turn (max-min fairness). Use it in one event loop only.
+
+    A free place goes to the waiting client that holds the fewest, and among equals to the one that got its
+    last place before the others. One place beyond `places` is for a client that holds none: a client that
+    comes never waits until all work of another one, which may be long, has ended.
+
+    Parameters
+    ----------
+    places : int
+        The most places held at a time by clients that hold others.
+    room : float
+        The most places held and waited for. When all are taken, the newest wait of the client with the most
+        waits gives way to a client that has fewer; one more is for a client that has none.
+    """
+
+    def __init__(self, places: int, room: float = math.inf) -> None:
+        self.room = room
+        self._places = places
+        self._held: Counter[str] = Counter()
+        self._waiting: dict[str, deque[Place]] = {}
+        # The number of the last place that each client inside got.
+        self._last: Counter[str] = Counter()
+        self._given = 0
+
+    @property
+    def inside(self) -> int:
+        """The number of places held and waited for."""
+        return self._held.total() + sum(map(len, self._waiting.values()))
+
+    def ask(self) -> Place:
+        """Ask for a place for the client of the current context; `leave` it in any case.
+
+        A place that gives way to another client raises BusyError when it is awaited.
+
+        Raises
+        ------
+        BusyError
+            There is no room.
+        """
+        place = Place(current_client.get())
+        if self.inside >= self.room:
+            self._make_room(place.client)
+        self._waiting.setdefault(place.client, deque()).append(place)
+        self._give()
+        return place
+
+    def leave(self, place: Place) -> None:
+        """Free a place, or wait for it no longer."""
+        if place.held:
+            self._held[place.client] -= 1
+            # Clients without a place are forgotten.
+            self._held += Counter()
+        else:
+            self._forget(place)
+        self._give()
+        if not self._held[place.client] and place.client not in self._waiting:
+            del self._last[place.client]
+
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[None]:
+        """Wait for a place, and hold it for the duration of the block; raises as `ask` does."""
+        place = self.ask()
+        try:
+            await place
+            yield
+        finally:
+            self.leave(place)
+
+    def _give(self) -> None:
+        """Give free places to waiting clients."""
+        while self._waiting:
+            client = min(self._waiting, key=lambda each: (self._held[each], self._last[each]))
+            if self._held.total() >= self._places + (not self._held[client]):
+                return
+            place = self._waiting[client][0]
+            self._forget(place)
+            if not place.done():
+                self._given += 1
+                self._held[client] += 1
+                self._last[client] = self._given
+                place.set_result(None)
+
+    def _make_room(self, newcomer: str) -> None:
+        """Refuse the newest wait of the client with the most, unless the newcomer then has more."""
+        longest = max(self._waiting.values(), key=len, default=deque[Place]())
+        own = len(self._waiting.get(newcomer, ()))
+        busy = BusyError(f"{self.inside} requests are at work or waiting; try again later")
+        if len(longest) > own + 1:
+            place = longest[-1]
+            self._forget(place)
+            if not place.done():
+                place.set_exception(busy)
+        elif own or self._held[newcomer] or self.inside > self.room:
+            raise busy
+
+    def _forget(self, place: Place) -> None:
+        """Take a place out of those that are waited for."""
+        waits = self._waiting.get(place.client, deque[Place]())
+        if place in waits:
+            waits.remove(place)
+            if not waits:
+                del self._waiting[place.client]

@@ -1,0 +1,93 @@
+"""Tasks of clients in an executor, without processes."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any, cast
+
+import pytest
+
+from service.compute import request_queue
+from service.compute.pool import LocalPool
+from service.turns import Turns, current_client
+
+
+class Tasks(Executor):
+    """An executor of which every task runs until the test ends it."""
+
+    def __init__(self) -> None:
+        self.running: list[Future[Any]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Begin a task."""
+        task: Future[Any] = Future()
+        task.set_running_or_notify_cancel()
+        self.running.append(task)
+        return task
+
+
+async def settled() -> None:
+    """Let everything happen that is due."""
+    for _ in range(10):
+        await asyncio.sleep(0)
+
+
+def begin(turns: Turns, executor: Executor, client: str) -> "asyncio.Task[None]":
+    """Ask for a task of a client."""
+    current_client.set(client)
+    work = request_queue._in_turn(turns, cast(LocalPool, executor), print, client)
+    return asyncio.create_task(work)
+
+
+def test_a_client_has_a_task_beside_those_of_a_flood() -> None:
+    async def run() -> None:
+        turns, executor = Turns(2), Tasks()
+        flood = [begin(turns, executor, "flood") for _ in range(10)]
+        other = begin(turns, executor, "other")
+        await settled()
+        assert len(executor.running) == 3
+        executor.running[2].set_result(None)
+        await settled()
+        assert other.done()
+        assert len(executor.running) == 3
+        for number in range(10):
+            executor.running[number + (number > 1)].set_result(None)
+            await settled()
+        assert all(each.done() for each in flood)
+        assert turns.inside == 0
+
+    asyncio.run(run())
+
+
+def test_a_cancelled_task_has_its_place_until_its_process_is_free() -> None:
+    """Otherwise a client that comes and goes would occupy a process each time."""
+
+    async def run() -> None:
+        turns, executor = Turns(1), Tasks()
+        given_up = begin(turns, executor, "flood")
+        await settled()
+        given_up.cancel()
+        begin(turns, executor, "flood")
+        await settled()
+        assert given_up.cancelled()
+        assert turns.inside == 2
+        assert len(executor.running) == 1
+        executor.running[0].set_result(None)
+        await settled()
+        assert len(executor.running) == 2
+
+    asyncio.run(run())
+
+
+def test_a_task_that_cannot_begin_leaves_its_place() -> None:
+    class Closed(Tasks):
+        def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            raise RuntimeError
+
+    async def run() -> None:
+        turns = Turns(1)
+        with pytest.raises(RuntimeError):
+            await begin(turns, Closed(), "any")
+        assert turns.inside == 0
+
+    asyncio.run(run())
