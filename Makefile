@@ -43,7 +43,7 @@ help:
 	@echo
 	@echo 'make soak               every test that runs for minutes, one after another: the next eight'
 	@echo 'make kill-test          kill the service while clients write (CYCLES=200)'
-	@echo 'make load-test          mixed load: answers, and the growth of memory (MINUTES=20)'
+	@echo 'make load-test          mixed load: answers, and the growth of memory (MINUTES=20); a flood by one key'
 	@echo 'make cluster-test       a Dask cluster that loses its workers and its scheduler'
 	@echo 'make postgresql-test    the tests of the service that depend on the database, on PostgreSQL'
 	@echo 'make method-test        the method on every class of the gallery, and its machine code'
