@@ -1,7 +1,8 @@
 # Isoshape: `make demo` shows it, `make test` tests it. `make help` lists the rest.
 #
 # Needs Python 3.11 or newer (with venv) and the Python package index; everything else is installed into .venv,
-# at the versions and hashes of the lock files. `image-test` needs root on Debian, and says so.
+# at the versions and hashes of the lock files. `image-test` needs root on Debian, and says so; so does `kill-test`
+# where there is no C compiler.
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -42,7 +43,7 @@ help:
 	@echo 'make openapi            write openapi/openapi.json'
 	@echo
 	@echo 'make soak               every test that runs for minutes, one after another: the next eight'
-	@echo 'make kill-test          kill the service while clients write (CYCLES=200)'
+	@echo 'make kill-test          kill the service while clients write (CYCLES=200), and at each write (POINTS=60: at some)'
 	@echo 'make load-test          mixed load: answers, and the growth of memory (MINUTES=20); a flood by one key'
 	@echo 'make cluster-test       a Dask cluster that loses its workers and its scheduler'
 	@echo 'make postgresql-test    the tests of the service that depend on the database, on PostgreSQL'
@@ -103,8 +104,11 @@ test: environment
 soak: kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test schema-test
 
 CYCLES ?= 200
+POINTS ?= 0
 kill-test: $(DEV)
-	CYCLES=$(CYCLES) SEED=$(SEED) $(PYTEST) tests/soak/kill -rP
+	@command -v cc >/dev/null || { flock /tmp/isoshape-apt apt-get update -qq && \
+		flock /tmp/isoshape-apt apt-get install -qq --no-install-recommends gcc libc6-dev >/dev/null; }
+	CYCLES=$(CYCLES) POINTS=$(POINTS) SEED=$(SEED) $(PYTEST) tests/soak/kill -rP
 
 cluster-test: $(DEV)
 	$(PYTEST) tests/soak/cluster
