@@ -1,4 +1,4 @@
-"""Turns of clients at work that is limited, and the pace of refusals: no client starves another."""
+"""Turns of clients at work that is limited, their shares and their pace: no client starves another."""
 
 import asyncio
 import math
@@ -15,25 +15,25 @@ current_client: ContextVar[str] = ContextVar("client", default="")
 """The client that the current work is for: the digest of its key, or its address; empty for the service."""
 
 
-REFUSALS_PER_SECOND = 20
 MOST_SECONDS = 5.0
 
 
 class Pace:
-    """Delays refusals, so that a client that repeats a refused request at once does not occupy the service.
+    """Delays what one client asks for too often, and nothing of others. Use it in one event loop only.
 
-    A client gets `REFUSALS_PER_SECOND`; each waits `MOST_SECONDS` at most. Use it in one event loop only.
+    A client is served so many times `per_second`, at equal intervals; each time waits `MOST_SECONDS` at most.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, per_second: float) -> None:
+        self._interval = 1 / per_second
         self._next: dict[str, float] = {}
 
     async def wait(self, client: str) -> None:
-        """Wait until a client may be told of the next refusal."""
+        """Wait until a client may be served."""
         now = time.monotonic()
         self._next = {name: moment for name, moment in self._next.items() if moment > now}
         moment = self._next.get(client, now)
-        self._next[client] = min(moment + 1 / REFUSALS_PER_SECOND, now + MOST_SECONDS)
+        self._next[client] = min(moment + self._interval, now + MOST_SECONDS)
         await asyncio.sleep(moment - now)
 
 

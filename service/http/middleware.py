@@ -25,6 +25,8 @@ KEY_IN_SCOPE = "isoshape.key"
 GRANT_IN_SCOPE = "isoshape.grant"
 # The name of the collection that the request works in, once it is known.
 COLLECTION_IN_SCOPE = "isoshape.collection"
+# As many requests of one client, and refusals among them, as leave the event loop to others.
+REQUESTS_PER_SECOND, REFUSALS_PER_SECOND = 200, 20
 
 
 class AccessControl:
@@ -33,6 +35,7 @@ class AccessControl:
     def __init__(self, app: ASGIApp, gate: Gate) -> None:
         self._app = app
         self._gate = gate
+        self._pace = Pace(REQUESTS_PER_SECOND)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""
@@ -48,7 +51,9 @@ class AccessControl:
         scope[GRANT_IN_SCOPE] = grant
         if grant is not None and grant.digest is not None:
             scope[KEY_IN_SCOPE] = grant.digest
-        current_client.set(client_of(scope))
+        client = client_of(scope)
+        current_client.set(client)
+        await self._pace.wait(client)
         await self._app(scope, receive, send)
 
 
@@ -80,7 +85,7 @@ class RequestContext:
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
         self._app = app
         self._metrics = metrics
-        self._pace = Pace()
+        self._pace = Pace(REFUSALS_PER_SECOND)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""

@@ -4,12 +4,12 @@ import asyncio
 import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import httpx
 import numpy as np
@@ -28,6 +28,8 @@ from service.settings import Settings
 from service.storage.tables import Table
 from service.turns import Place
 from tests.service.engines import url_in
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,15 @@ def serving(
         thread.join()
 
 
+def on_loop(running: Running, work: Coroutine[Any, Any, T]) -> T:
+    """Run a coroutine in the event loop of a service, which its parts belong to."""
+    return asyncio.run_coroutine_threadsafe(work, running.server.servers[0].get_loop()).result()
+
+
 @contextmanager
 def requests_at_work(running: Running, many: int) -> Iterator[None]:
     """Have so many places in the queue, as requests at work have them."""
-    loop, turns = running.server.servers[0].get_loop(), running.container.queue._requests
+    turns = running.container.queue._requests
 
     async def ask() -> list[Place]:
         return [turns.ask() for _ in range(many)]
@@ -115,12 +122,12 @@ def requests_at_work(running: Running, many: int) -> Iterator[None]:
         for place in places:
             turns.leave(place)
 
-    places = asyncio.run_coroutine_threadsafe(ask(), loop).result()
+    places = on_loop(running, ask())
     assert all(place.held for place in places)
     try:
         yield
     finally:
-        asyncio.run_coroutine_threadsafe(leave(), loop).result()
+        on_loop(running, leave())
 
 
 def module_service(

@@ -8,7 +8,7 @@ import pytest
 
 from service import turns as turns_module
 from service.errors import BusyError
-from service.turns import MOST_SECONDS, REFUSALS_PER_SECOND, Pace, Place, Turns, current_client
+from service.turns import MOST_SECONDS, Pace, Place, Turns, current_client
 
 
 def asked(turns: Turns, client: str) -> Place:
@@ -144,7 +144,9 @@ def test_a_turn_is_held_for_a_block_and_given_back_whatever_happens() -> None:
     asyncio.run(run())
 
 
-def test_refusals_of_a_client_are_a_pace_apart_and_delay_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_client_asks_for_is_served_at_intervals_and_delays_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     now, slept = 100.0, []
 
     async def sleep(seconds: float) -> None:
@@ -159,7 +161,7 @@ def test_refusals_of_a_client_are_a_pace_apart_and_delay_no_other(monkeypatch: p
             await pace.wait(client)
         return slept
 
-    pace, apart = Pace(), 1 / REFUSALS_PER_SECOND
+    pace, apart = Pace(20), 1 / 20
     assert asyncio.run(refuse(pace, "aab")) == [0, pytest.approx(apart), 0]
     assert asyncio.run(refuse(pace, "a" * 1000))[-1] == MOST_SECONDS
     now += MOST_SECONDS + 2 * apart

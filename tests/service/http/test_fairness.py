@@ -14,6 +14,7 @@ from service.app import DOWNLOADS
 from service.auth.keys import digest_of
 from service.compute import request_queue as work_module
 from service.shapes import service as shapes_service
+from service.turns import Pace
 from tests.core.shapes import box
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, wait_until
 from tests.service.tasks import embed_unless_cube
@@ -116,3 +117,26 @@ def test_a_client_that_reads_slowly_has_few_files_in_memory(
         assert not further.done()
         stack.close()
         assert further.result().content == small_file(9)
+
+
+def test_requests_have_a_pace_and_refusals_a_slower_one(
+    clients: tuple[Running, httpx.Client, httpx.Client], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, first, second = clients
+    waits: list[tuple[int, str]] = []
+
+    async def wait(pace: Pace, client: str) -> None:
+        waits.append((round(1 / pace._interval), client))
+
+    monkeypatch.setattr(Pace, "wait", wait)
+    for client in (first, second, first):
+        assert client.get("/version").status_code == 200
+    (first_pace, first_name), (second_pace, second_name), again = waits
+    assert again == (first_pace, first_name)
+    assert first_pace == second_pace
+    assert first_name != second_name
+    headers = {"sec-fetch-site": "cross-site", "x-forwarded-for": "192.0.2.77"}
+    assert httpx.post(f"{first.base_url}/query", headers=headers).status_code == 403
+    (refusal,) = waits[3:]
+    assert refusal[0] < first_pace
+    assert refusal[1] == "192.0.2.77"

@@ -21,7 +21,15 @@ from service.shapes.service import answer_of, ingest
 from service.storage.tables import IdempotencyKeyRow
 from tests.service.engines import on_both, url_of
 from tests.service.http.test_disconnects import send as send_and_leave
-from tests.service.support import Running, assert_problem, serving, settings_in, small_file, wait_until
+from tests.service.support import (
+    Running,
+    assert_problem,
+    on_loop,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+)
 
 LONG = '"' + 256 * "x" + '"'
 KEY = '"8e03978e-40d5-43e8-bc93-6894a57f9324"'
@@ -263,7 +271,7 @@ def test_an_answer_that_another_process_gave_meanwhile_is_the_answer(
 
     with monkeypatch.context() as patch:
         patch.setattr(work, "embed", late)
-        answers.append(asyncio.run(ingest(service.container, new, claim)))
+        answers.append(on_loop(service, ingest(service.container, new, claim)))
     stored, kept = answers
     assert isinstance(stored, list)
     assert [shape.created for shape in stored] == [True]

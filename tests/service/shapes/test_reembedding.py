@@ -3,6 +3,7 @@
 import asyncio
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from service.search.records import MatchedCandidates
 from service.search.scoring import Cascade
 from service.shapes import reembedding as reembedding_module
 from service.shapes.reembedding import Reembedding, ReembeddingResult, prune_others
+from service.storage.database import Database
 from tests.service.engines import on_both
 from tests.service.pipeline_files import active, embeddings, fingerprints, write_parameters
 from tests.service.support import (
@@ -42,6 +44,8 @@ class Watched(RequestQueue):
 
     def __init__(self, work: RequestQueue, hook: Hook) -> None:
         self.__dict__ = dict(work.__dict__)
+        # Turns are of one event loop.
+        self.__post_init__()
         self.embedded: list[bytes] = []
         self._hook = hook
 
@@ -85,14 +89,14 @@ def go_over(
     running: Running, parameters: Parameters, hook: Hook = nothing, *, leave_out: bool = False
 ) -> tuple[ReembeddingResult, Watched]:
     """Reembed the archive of a running service, as a process beside it would."""
-    work = Watched(running.container.queue, hook)
-    reembedding = Reembedding(running.container.database, work, parameters)
+    work, settings = Watched(running.container.queue, hook), running.container.settings
     told: list[tuple[int, int]] = []
-    outcome = asyncio.run(
-        reembedding.run(
-            at_once=2, leave_out=leave_out, advance=lambda done, total: told.append((done, total))
+    with closing(Database(settings.database_url, lock_seconds=settings.lock_seconds)) as database:
+        outcome = asyncio.run(
+            Reembedding(database, work, parameters).run(
+                at_once=2, leave_out=leave_out, advance=lambda done, total: told.append((done, total))
+            )
         )
-    )
     assert all(done <= total for done, total in told)
     return outcome, work
 
@@ -239,8 +243,7 @@ def test_pruned_and_gone_back_to_all_is_found_again(stocked: tuple[Running, Path
     wanted = running.container.pipelines.wanted
     assert query(running.client, small_file(1)).json()["compared"] == STORED + 1
     for parameters in (few, wanted):
-        reembedding = Reembedding(running.container.database, running.container.queue, parameters)
-        outcome = asyncio.run(reembedding.run(at_once=2, leave_out=False, advance=lambda *_: None))
+        outcome, _ = go_over(running, parameters)
         assert (outcome.made, outcome.active) == (STORED, True)
         assert prune_others(running.container.database, parameters.fingerprint) == STORED
         assert set(fingerprints(folder)) == {parameters.fingerprint}
