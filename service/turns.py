@@ -21,11 +21,14 @@ MOST_SECONDS = 5.0
 class Pace:
     """Delays what one client asks for too often, and nothing of others. Use it in one event loop only.
 
-    A client is served so many times `per_second`, at equal intervals; each time waits `MOST_SECONDS` at most.
+    A client is served so many times `per_second`, at equal intervals once it has had `at_once`; each time
+    waits `MOST_SECONDS` at most (the generic cell rate algorithm, ITU-T I.371).
     """
 
-    def __init__(self, per_second: float) -> None:
+    def __init__(self, per_second: float, at_once: int = 1) -> None:
         self._interval = 1 / per_second
+        self._ahead = (at_once - 1) * self._interval
+        # The moments at which clients would be served next at equal intervals.
         self._next: dict[str, float] = {}
 
     async def wait(self, client: str) -> None:
@@ -33,8 +36,8 @@ class Pace:
         now = time.monotonic()
         self._next = {name: moment for name, moment in self._next.items() if moment > now}
         moment = self._next.get(client, now)
-        self._next[client] = min(moment + self._interval, now + MOST_SECONDS)
-        await asyncio.sleep(moment - now)
+        self._next[client] = min(moment + self._interval, now + self._ahead + MOST_SECONDS)
+        await asyncio.sleep(max(0.0, moment - self._ahead - now))
 
 
 class Shares:

@@ -25,8 +25,9 @@ KEY_IN_SCOPE = "isoshape.key"
 GRANT_IN_SCOPE = "isoshape.grant"
 # The name of the collection that the request works in, once it is known.
 COLLECTION_IN_SCOPE = "isoshape.collection"
-# As many requests of one client, and refusals among them, as leave the event loop to others.
-REQUESTS_PER_SECOND, REFUSALS_PER_SECOND = 200, 20
+# As many requests of one client, and refusals among them, as leave the event loop to others. A page asks for
+# its files and pictures at once.
+REQUESTS_PER_SECOND, REQUESTS_AT_ONCE, REFUSALS_PER_SECOND = 200, 200, 20
 
 
 class AccessControl:
@@ -35,7 +36,7 @@ class AccessControl:
     def __init__(self, app: ASGIApp, gate: Gate) -> None:
         self._app = app
         self._gate = gate
-        self._pace = Pace(REQUESTS_PER_SECOND)
+        self._pace = Pace(REQUESTS_PER_SECOND, REQUESTS_AT_ONCE)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request."""

@@ -170,3 +170,7 @@ def test_what_a_client_asks_for_is_served_at_intervals_and_delays_no_other(
     now += 1
     assert asyncio.run(refuse(pace, "d")) == [0]
     assert set(pace._next) == {"d"}
+    pace = Pace(20, at_once=10)
+    assert asyncio.run(refuse(pace, "a" * 12)) == pytest.approx([0] * 10 + [apart, 2 * apart])
+    assert asyncio.run(refuse(pace, "b")) == [0]
+    assert asyncio.run(refuse(pace, "a" * 1000))[-1] == pytest.approx(MOST_SECONDS)
