@@ -79,7 +79,11 @@ class InlineService:
         # The same in each run, so that the same pages of the database change.
         uuid.uuid4 = lambda: uuid.UUID(int=random.getrandbits(128), version=4)
         tempfile.tempdir = str(folder / "tmp")
-        self._app = service.app.create_app(settings_in(folder, undo_days=7.0, lock_seconds=2.0))
+        # The database syncs the folder that it is in, and no other.
+        jobs = str(folder / "elsewhere" / "jobs")
+        self._app = service.app.create_app(
+            settings_in(folder, job_folder=jobs, undo_days=7.0, lock_seconds=2.0)
+        )
         # The first request builds the routes.
         asyncio.run(httpx.AsyncClient(transport=httpx.ASGITransport(self._app)).get("http://127.0.0.1/none"))
 

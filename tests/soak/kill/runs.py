@@ -199,6 +199,9 @@ class Runs:
             answer = await change.request(client)
             say(acknowledged=answer.is_success)
             await finished(client, FAILING_SECONDS if fault.is_failure else JOB_SECONDS)
+            # The archive of a job goes after the job has ended.
+            while not fault.is_failure and any(self.place.glob("elsewhere/jobs/*.zip")):
+                await asyncio.sleep(0.01)
             self._library.faults_end()
             is_refused = answer.status_code in {503, 507} and "retry-after" in answer.headers
             if not (answer.is_success or is_refused):
