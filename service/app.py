@@ -128,7 +128,9 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     for router in ROUTERS:
-        app.include_router(router, dependencies=[Depends(_turn_in_thread, scope="function")])
+        # The files of the page are not in the database.
+        turns = [] if router is page_router else [Depends(_turn_in_thread, scope="function")]
+        app.include_router(router, dependencies=turns)
     app.add_middleware(AccessControl, gate=gate)
     app.add_middleware(
         BodyLimit,

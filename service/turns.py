@@ -16,6 +16,8 @@ current_client: ContextVar[str] = ContextVar("client", default="")
 
 
 MOST_SECONDS = 5.0
+PATIENCE_SECONDS = 5.0
+"""The longest wait for a place of a client's own."""
 
 
 class Pace:
@@ -48,9 +50,21 @@ class Shares:
         # Clients without a place are forgotten.
         self._clients: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
 
-    def of(self, client: str) -> asyncio.Semaphore:
-        """Return the places of a client, to be acquired and released while this object is kept."""
-        return self._clients.setdefault(client, asyncio.Semaphore(self.places))
+    async def take(self, client: str, busy: str) -> asyncio.Semaphore:
+        """Wait for a place of a client; return what is to be released.
+
+        Raises
+        ------
+        BusyError
+            None is free after `PATIENCE_SECONDS`; the error has the message `busy`.
+        """
+        places = self._clients.setdefault(client, asyncio.Semaphore(self.places))
+        try:
+            async with asyncio.timeout(PATIENCE_SECONDS):
+                await places.acquire()
+        except TimeoutError:
+            raise BusyError(busy) from None
+        return places
 
 
 class Place(asyncio.Future[None]):

@@ -107,7 +107,7 @@ class WorkerSlot(threading.Thread):
         """Run tasks until the end of the queue."""
         while True:
             if self._process is None and not self._fill():
-                if self._pool.closing.is_set():
+                if self._pool.closing.is_set() or self._pool.leaves(self):
                     return
                 self._refuse_one()
                 self._pool.closing.wait(RESTART_SECONDS)
@@ -279,7 +279,7 @@ class LocalPool(Executor):
         self.abandoned = threading.Event()
         self._submitting = threading.Lock()
         self._unfinished = 0
-        self._most = workers + more
+        self._workers, self._most = workers, workers + more
         self._slots: list[WorkerSlot] = []
         for _ in range(workers):
             self._add_slot()
@@ -305,6 +305,14 @@ class LocalPool(Executor):
     def _count_down(self, _task: Future[Any]) -> None:
         with self._submitting:
             self._unfinished -= 1
+
+    def leaves(self, slot: WorkerSlot) -> bool:
+        """Remove a slot whose process cannot start if it is a further one; return whether it is."""
+        with self._submitting:
+            if len(self._slots) <= self._workers or self.closing.is_set():
+                return False
+            self._slots.remove(slot)
+            return True
 
     def _add_slot(self) -> None:
         slot = WorkerSlot(self)

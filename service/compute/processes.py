@@ -98,8 +98,8 @@ def _fork_server_goes_on() -> Iterator[None]:
 
 
 def _started(arguments: dict[str, Any]) -> BaseProcess:
-    """Start a process with arguments of `multiprocessing.Process`; a dead fork server is replaced once."""
-    for tries_left in reversed(range(2)):
+    """Start a process with arguments of `multiprocessing.Process`; a dead fork server is replaced."""
+    for tries_left in reversed(range(3)):
         process = fork_server().Process(**arguments, daemon=True)
         try:
             with _fork_server_goes_on():

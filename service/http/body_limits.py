@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import BusyError, FileTooLargeError, ServiceError, StalledBodyError, StorageFullError
+from service.errors import FileTooLargeError, ServiceError, StalledBodyError, StorageFullError
 from service.http.middleware import client_of
 from service.http.problems import RefusedBodyError, problem_of
 from service.turns import Shares
@@ -26,17 +26,15 @@ IN_MEMORY_BYTES = 1024 * 1024
 LEAST_BYTES = 64 * 1024
 # The server reads the rest of a body after the answer, if there is no more of it.
 DRAINED_BYTES = 64 * 1024
-# A client whose other requests go on is told to come again after this time.
-PATIENCE_SECONDS = 5.0
 
 
 class ClientQuotas:
     """The requests with a body, and the forms on disk, of each client.
 
-    A client has a number of requests with a body, until their answers. A further one waits, unread, for
-    `PATIENCE_SECONDS`. Its forms may occupy the size of the largest file, or a third of the temporary folder
-    if that is less, and more only while as much stays free for each of two other clients. Use it in the event
-    loop only.
+    A client has a number of requests with a body, until their answers. A further one waits, unread, for its
+    place (`service.turns.Shares`). Its forms may occupy the size of the largest file, or a third of the
+    temporary folder if that is less, and more only while as much stays free for each of two other clients.
+    Use it in the event loop only.
 
     `bodies` is the most such requests of one client at a time, `largest` the size of the largest file.
     """
@@ -54,15 +52,8 @@ class ClientQuotas:
         BusyError
             No request of the client has ended meanwhile.
         """
-        places = self._bodies.of(client)
-        try:
-            async with asyncio.timeout(PATIENCE_SECONDS):
-                await places.acquire()
-        except TimeoutError:
-            raise BusyError(
-                f"{self._bodies.places} requests of this client have a body; try again when one has ended"
-            ) from None
-        return places
+        busy = f"{self._bodies.places} requests of this client have a body; try again when one has ended"
+        return await self._bodies.take(client, busy)
 
     def take(self, client: str, size: int) -> None:
         """Count bytes that are about to be written to the temporary folder.

@@ -10,9 +10,9 @@ import asyncio
 import time
 import uuid
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import closing, contextmanager, suppress
-from typing import NoReturn
+from collections.abc import Coroutine, Iterator
+from contextlib import AsyncExitStack, closing, contextmanager, suppress
+from typing import Any, NoReturn, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
@@ -47,6 +47,8 @@ from service.turns import Turns, current_client
 
 log = get_logger("jobs")
 
+Result = TypeVar("Result")
+
 # Interval at which the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
@@ -68,6 +70,16 @@ OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableErro
 # The number of unexpected failures after which a job is ended.
 FAULTS = 3
 UNFORESEEN = ServiceError(PROBLEMS[ServiceError.kind].title)
+
+
+async def _ended(work: Coroutine[Any, Any, Result]) -> Result:
+    """Return the result of work in a thread; a cancellation waits for its end."""
+    task = asyncio.ensure_future(work)
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait([task])
+        raise
 
 
 class Runner:
@@ -212,9 +224,10 @@ class Runner:
         """Process members, one after another, until none is left."""
         while True:
             # A member is read once its client has a turn: no more of them are in memory.
-            async with self._members.turn():
+            async with AsyncExitStack() as stack:
                 async with turn:
-                    taken = await run_in_threadpool(next, members, None)
+                    await stack.enter_async_context(self._members.turn())
+                    taken = await _ended(run_in_threadpool(next, members, None))
                 if taken is None:
                     return
                 file, data = taken

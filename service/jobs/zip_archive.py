@@ -4,17 +4,17 @@ A confined process reads the directory. Sizes in it are compared with the limits
 bytes are counted while they are unpacked. No member is written to disk.
 """
 
+import json
 import re
 import stat
 import struct
 import zipfile
 import zlib
-from collections import Counter
 from collections.abc import Callable, Container, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Annotated, BinaryIO
+from urllib.parse import quote
 
 from pydantic import Field, TypeAdapter, ValidationError
 
@@ -145,17 +145,18 @@ class ZipArchive:
     def __init__(self, file: BinaryIO, limits: Settings, read_directory: ReadDirectory) -> None:
         self._file, self._limits = file, limits
         self._size = file.seek(0, 2)
-        self._entries = self._directory(read_directory)
-        # The buffers of glTF by their folder, and their bytes together.
-        self._buffers: dict[str, list[_Entry]] = {}
-        self._buffer_bytes: Counter[str] = Counter()
-        for entry in self._entries:
-            if entry.path.lower().endswith(".bin"):
-                with suppress(MemberError):
-                    _check_entry(entry, limits)
-                    folder = _normalised(entry.path).rpartition("/")[0]
-                    self._buffers.setdefault(folder, []).append(entry)
-                    self._buffer_bytes[folder] += entry.size
+        self._unpacked_bytes = 0
+        entries = self._directory(read_directory)
+        # The buffers of glTF, by their folder.
+        folders = {_folder_of(entry) for entry in entries if entry.path.lower().endswith(".gltf")} - {None}
+        self._buffers: dict[str | None, list[_Entry]] = {}
+        self._entries: list[_Entry] = []
+        for entry in entries:
+            folder = _folder_of(entry)
+            if entry.path.lower().endswith(".bin") and folder in folders and _is_sound(entry, limits):
+                self._buffers.setdefault(folder, []).append(entry)
+            else:
+                self._entries.append(entry)
 
     def _directory(self, read_directory: ReadDirectory) -> list[_Entry]:
         most = self._limits.max_archive_files
@@ -172,7 +173,11 @@ class ZipArchive:
             raise MalformedArchiveError(f"the archive's directory cannot be read: {error}") from error
         if count > most:
             raise ArchiveTooLargeError(f"it has {count} members, more than {most}")
-        return [_Entry(*entry) for entry in entries]
+        members = [_Entry(*entry) for entry in entries]
+        # Bytes that many members share would be unpacked for each (CVE-2024-0450).
+        if sum(member.packed_size for member in members) > self._size:
+            raise MalformedArchiveError("members of the archive overlap")
+        return members
 
     def _read(self, size: int) -> bytes:
         """Read the next bytes; a disk that fails is no fault of the archive."""
@@ -203,8 +208,6 @@ class ZipArchive:
                 format_of(base_name(path))
                 members.append(ArchiveMember(shown_path, name, None))
                 total += entry.size
-                if normalised.lower().endswith(".gltf"):
-                    total += self._buffer_bytes[normalised.rpartition("/")[0]]
             except (ServiceError, CoreError) as error:
                 members.append(ArchiveMember(shown_path, base_name(shown_path), error))
         most = self._limits.max_unpacked_bytes
@@ -222,18 +225,19 @@ class ZipArchive:
                     yield position, error
 
     def _unpacked(self, entry: _Entry) -> bytes:
-        """Unpack a member; a glTF and the buffers in its folder become a ZIP of them all."""
+        """Unpack a member; a glTF and the buffers in its folder that it names become a ZIP of them all."""
+        data = self._unpacked_alone(entry)
         beside: list[_Entry] = []
         if entry.path.lower().endswith(".gltf"):
-            beside = self._buffers.get(_normalised(entry.path).rpartition("/")[0], [])
+            beside = [buffer for buffer in self._buffers.get(_folder_of(entry), []) if _names(data, buffer)]
         if not beside:
-            return self._unpacked_alone(entry)
+            return data
         bundle = BytesIO()
         with zipfile.ZipFile(bundle, "w") as files:
             for member in (entry, *beside):
                 # The earliest time that a ZIP can hold: the same members give the same bytes.
                 info = zipfile.ZipInfo(_normalised(member.path), (1980, 1, 1, 0, 0, 0))
-                files.writestr(info, self._unpacked_alone(member))
+                files.writestr(info, data if member is entry else self._unpacked_alone(member))
                 _check_size(self._limits, bundle.tell(), bundle.tell())
         return bundle.getvalue()
 
@@ -243,6 +247,12 @@ class ZipArchive:
         for piece, packed in self._pieces(entry):
             data += piece
             _check_size(self._limits, len(data), packed)
+            self._unpacked_bytes += len(piece)
+            if self._unpacked_bytes > self._limits.max_unpacked_bytes:
+                raise MemberError(
+                    "member-too-large",
+                    f"the archive unpacks to more than {self._limits.max_unpacked_bytes} bytes",
+                )
         if len(data) != entry.size or zlib.crc32(data) != entry.checksum:
             raise MemberError("member-damaged", "its bytes are not those that the directory describes")
         return bytes(data)
@@ -273,8 +283,33 @@ class ZipArchive:
                     raise MemberError("member-damaged", f"it cannot be unpacked: {error}") from error
                 yield piece, packed
                 data = inflater.unconsumed_tail
+            # Else the library collects all that follows.
+            if inflater.eof and packed < entry.packed_size:
+                raise MemberError("member-damaged", "its packed bytes end before the directory says")
         if entry.method != zipfile.ZIP_STORED:
             yield inflater.flush(), packed
+
+
+def _folder_of(entry: _Entry) -> str | None:
+    """Return the folder of a member; None if its path leads out of the archive."""
+    try:
+        return _normalised(entry.path).rpartition("/")[0]
+    except MemberError:
+        return None
+
+
+def _is_sound(entry: _Entry, limits: Settings) -> bool:
+    try:
+        _check_entry(entry, limits)
+    except MemberError:
+        return False
+    return True
+
+
+def _names(gltf: bytes, buffer: _Entry) -> bool:
+    """Return whether a glTF names a buffer: as it is, with percent signs, or as JSON escapes it."""
+    name = base_name(buffer.path)
+    return any(text.encode() in gltf for text in (name, quote(name), json.dumps(name)[1:-1]))
 
 
 def shown(text: str) -> str:

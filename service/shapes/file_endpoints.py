@@ -60,9 +60,20 @@ async def _pieces(data: bytes) -> AsyncIterator[bytes]:
 
 
 async def _receiving(container: Service) -> AsyncIterator[None]:
-    """Wait until the client receives few enough files, and count this one until it is sent."""
-    async with container.downloads.of(current_client.get()):
+    """Wait until the client receives few enough files, and count this one until it is sent.
+
+    Raises
+    ------
+    BusyError
+        No file has been sent meanwhile.
+    """
+    shares = container.downloads
+    busy = f"this client receives {shares.places} files; try again when one is complete"
+    places = await shares.take(current_client.get(), busy)
+    try:
         yield
+    finally:
+        places.release()
 
 
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)

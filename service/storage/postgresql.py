@@ -134,11 +134,15 @@ class StillServerWatch:
 
     def _look(self) -> None:
         while not self._closed.wait(LOOK_SECONDS):
-            oldest = min(list(self._begun.values()), default=math.inf)
-            if time.monotonic() > oldest + LONG_SECONDS and not self._answers():
-                log.error("the database stands still: its sessions are ended")
-                for connection in list(self._connections):
-                    _shut_down(connection)
+            try:
+                oldest = min(list(self._begun.values()), default=math.inf)
+                if time.monotonic() > oldest + LONG_SECONDS and not self._answers():
+                    log.error("the database stands still: its sessions are ended")
+                    for connection in list(self._connections):
+                        _shut_down(connection)
+            except Exception as error:
+                # Other threads make connections meanwhile; the next look comes soon.
+                log.warning("it is unknown whether the database stands still", exc_info=error)
 
     def _answers(self) -> bool:
         """Return whether the server takes a new connection, or refuses it with a reason."""

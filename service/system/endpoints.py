@@ -42,15 +42,15 @@ async def readyz(container: Service) -> Readiness | Response:
             await container.database.reading(container.pipelines.current)
         except ServiceError as error:
             faults.append(str(error))
-        if not await run_in_threadpool(container.pool.ready):
-            compiled = await run_in_threadpool(is_compiled, container.pipelines.wanted)
-            faults.append(
-                "no worker process is ready yet"
-                if compiled or container.settings.scheduler
-                else str(CompilingError())
-            )
-        if not await run_in_threadpool(container.readers.ready):
-            faults.append("no process that reads uploads is ready yet")
+    if not await run_in_threadpool(container.pool.ready):
+        compiled = await run_in_threadpool(is_compiled, container.pipelines.wanted)
+        faults.append(
+            "no worker process is ready yet"
+            if compiled or container.settings.scheduler
+            else str(CompilingError())
+        )
+    if not await run_in_threadpool(container.readers.ready):
+        faults.append("no process that reads uploads is ready yet")
     if not container.comparing_is_ready.is_set():
         faults.append("what compares shapes is not loaded yet")
     if faults:

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from service import turns
 from service.errors import BusyError, StorageFullError
-from service.http import body_limits
 from service.http.body_limits import FORM_OVERHEAD, ClientQuotas
 from service.http.problem_document import FAULTS
 from tests.service.http.responsiveness import assert_others_are_served
@@ -70,7 +70,7 @@ def test_a_further_body_waits_for_an_end_and_not_for_ever(monkeypatch: pytest.Mo
         assert not further.done()
         places.pop().release()
         places.append(await further)
-        monkeypatch.setattr(body_limits, "PATIENCE_SECONDS", 0.01)
+        monkeypatch.setattr(turns, "PATIENCE_SECONDS", 0.01)
         with pytest.raises(BusyError):
             await quotas.begin("many")
 

@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from core.io import write_mesh
+from service import turns
 from service.app import DOWNLOADS
 from service.auth.keys import digest_of
 from service.compute import request_queue as work_module
@@ -103,9 +104,10 @@ def test_a_client_that_occupies_the_threads_leaves_some_to_another(
 
 
 def test_a_client_that_reads_slowly_has_few_files_in_memory(
-    clients: tuple[Running, httpx.Client, httpx.Client],
+    clients: tuple[Running, httpx.Client, httpx.Client], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, first, second = clients
+    monkeypatch.setattr(turns, "PATIENCE_SECONDS", 60.0)
     large = small_file(9) + b"\n" * 30_000_000
     shapes = [running.store(data, f"{len(data)}.off")["id"] for data in (large, small_file(9))]
     with ThreadPoolExecutor(1) as others, ExitStack() as stack:
@@ -113,8 +115,12 @@ def test_a_client_that_reads_slowly_has_few_files_in_memory(
             answer = stack.enter_context(first.stream("GET", f"/shapes/{shapes[0]}/file"))
             assert answer.status_code == 200
         further = others.submit(first.get, f"/shapes/{shapes[1]}/file")
+        downloads = running.container.downloads._clients
+        wait_until(lambda: any(places._waiters for places in list(downloads.values())), seconds=30)
         assert second.get(f"/shapes/{shapes[1]}/file").content == small_file(9)
         assert not further.done()
+        monkeypatch.setattr(turns, "PATIENCE_SECONDS", 0.01)
+        assert_problem(first.get(f"/shapes/{shapes[1]}/file"), 503, "busy")
         stack.close()
         assert further.result().content == small_file(9)
 

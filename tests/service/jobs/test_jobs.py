@@ -75,6 +75,8 @@ def test_a_gltf_is_stored_with_the_buffers_beside_it(clean: Running) -> None:
     assert done["counts"]["stored"] == 1
     (shape,) = clean.client.get("/shapes").json()["shapes"]
     assert (shape["name"], shape["format"], shape["facts"]["faces"]) == ("scene.gltf", "glb", 12)
+    # The buffer is no member of its own.
+    assert done["counts"]["files"] == 3
     # The same bytes by themselves, and as a single upload.
     bundle = clean.client.get(f"/shapes/{shape['id']}/file").content
     assert clean.store(bundle, "chair.zip")["facts"] == shape["facts"]
@@ -485,7 +487,7 @@ def test_a_job_that_was_stored_by_a_transaction_that_failed_at_its_end_has_its_a
     with monkeypatch.context() as patch:
         patch.setattr(Database, "write", stored_and_failed)
         with pytest.raises(StorageUnavailableError):
-            jobs.receive(io.BytesIO(pack(meshes(range(1)))), DEFAULT_COLLECTION.number, "a", (), {})
+            jobs.receive(io.BytesIO(pack(meshes(range(1)))), "", DEFAULT_COLLECTION.number, "a", (), {})
     (listed,) = clean.client.get("/jobs").json()["jobs"]
     assert ended(clean.client, listed["id"])["counts"]["stored"] == 1
 

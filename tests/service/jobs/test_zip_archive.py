@@ -1,9 +1,11 @@
 """Zip archives: members are read whole, and hostile ones are named, member by member."""
 
 import io
+import json
 import struct
 import tracemalloc
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -13,6 +15,7 @@ import pytest
 from service.compute.sandbox import zip_directory
 from service.errors import TaskTimeLimitError, WorkerCrashedError
 from service.jobs.zip_archive import (
+    PIECE,
     ArchiveTooLargeError,
     MalformedArchiveError,
     MemberError,
@@ -210,6 +213,46 @@ def test_a_directory_that_points_elsewhere() -> None:
     ((_, content),) = archive.read({0})
     assert isinstance(content, MemberError)
     assert content.kind == "member-damaged"
+
+
+def test_each_gltf_has_the_buffers_that_it_names() -> None:
+    """In one folder there may be thousands of pairs."""
+    gltf = {f"{i}.gltf": b'{"buffers": [{"uri": "%d%%20b.bin"}]}' % i for i in range(3)}
+    buffers = {f"{i} b.bin": NOISE[:100] for i in range(3)}
+    few = LIMITS.model_copy(update={"max_unpacked_bytes": 1_000})
+    archive = ZipArchive(io.BytesIO(pack({**gltf, **buffers})), few, zip_directory)
+    assert [member.name for member in archive.members()] == list(gltf)
+    for position, content in archive.read({0, 1, 2}):
+        assert isinstance(content, bytes)
+        with zipfile.ZipFile(io.BytesIO(content)) as bundle:
+            assert bundle.namelist() == [f"{position}.gltf", f"{position} b.bin"]
+    # What is unpacked counts, also buffers.
+    little = LIMITS.model_copy(update={"max_unpacked_bytes": 250})
+    archive = ZipArchive(io.BytesIO(pack({**gltf, **buffers})), little, zip_directory)
+    contents = [content for _, content in archive.read({0, 1, 2})]
+    assert [type(content) for content in contents] == [bytes, MemberError, MemberError]
+
+
+def test_packed_bytes_after_the_end_of_a_member_are_not_read() -> None:
+    """The library would collect them, and copy all of them for each further piece."""
+    info = zipfile.ZipInfo("a.off")
+    packed = zlib.compress(b"OFF", wbits=-15) + bytes(10 * PIECE)
+    entry = [info.filename, 0, zipfile.ZIP_DEFLATED, 0, 0, len(packed), 3, zlib.crc32(b"OFF")]
+    file = io.BytesIO(b"PK\3\4" + bytes(26) + packed)
+    archive = ZipArchive(file, LIMITS, lambda *_: json.dumps([1, [entry]]).encode())
+    ((_, content),) = archive.read({0})
+    assert isinstance(content, MemberError)
+    assert content.kind == "member-damaged"
+    assert file.tell() <= 30 + PIECE
+
+
+def test_members_that_overlap_are_refused() -> None:
+    """Each would unpack the same bytes (CVE-2024-0450)."""
+    data = pack({"a.off": NOISE})
+    count, ((_, *rest),) = json.loads(zip_directory(data, len(data), 9))
+    twice = json.dumps([2 * count, [["a.off", *rest], ["b.off", *rest]]]).encode()
+    with pytest.raises(MalformedArchiveError, match="overlap"):
+        ZipArchive(io.BytesIO(data), LIMITS, lambda *_: twice)
 
 
 def test_bytes_before_and_after_the_zip() -> None:

@@ -83,7 +83,7 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
     path.write_bytes(archive)
     with database.write() as session:
         now = datetime.now(UTC)
-        values = {"archive": "left.zip", "size": len(archive), "tags": [], "meta": {}}
+        values = {"client": "", "archive": "left.zip", "size": len(archive), "tags": [], "meta": {}}
         job = job_repository.add(session, "left", DEFAULT_COLLECTION.number, values)
         left = update(JobRow).where(JobRow.number == job.number).values(runner="died", leased_until=now + DAY)
         session.execute(left)
