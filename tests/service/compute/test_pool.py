@@ -111,6 +111,23 @@ def test_a_further_process_starts_when_all_others_have_a_task(tmp_path: Path) ->
         assert [task.result() for task in tasks] == [None] * 3
 
 
+def test_a_further_process_that_cannot_start_costs_no_task(tmp_path: Path) -> None:
+    started, begun, end = (tmp_path / name for name in ("started", "begun", "end"))
+    started.mkdir()
+    with LocalPool(1, more=1, seconds=60, warm=partial(hang_second, str(started))) as pool:
+        wait_until(pool.pids, seconds=60)
+        pool.start_seconds = 1.0
+        tasks = [
+            pool.submit(meet, str(begun), str(end)),
+            *(pool.submit(add, number, 1) for number in range(3)),
+        ]
+        assert len(pool._slots) == 2
+        wait_until(lambda: len(pool._slots) == 1, seconds=60)
+        assert not any(task.done() for task in tasks)
+        end.touch()
+        assert [task.result() for task in tasks] == [None, 1, 2, 3]
+
+
 def test_a_task_over_the_limit_is_stopped_and_the_rest_go_on(
     workers: Pool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """Bulk jobs over HTTP, on both engines: what is in an archive is stored, and what cannot be is named."""
 
+import asyncio
 import errno
 import io
 import os
@@ -14,11 +15,12 @@ from uuid import uuid4
 
 import pytest
 from sqlalchemy import select, update
+from starlette.concurrency import run_in_threadpool
 
 from service.collection import DEFAULT_COLLECTION
 from service.compute import sandbox
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
-from service.jobs import endpoints
+from service.jobs import endpoints, runner
 from service.jobs import service as jobs_service
 from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
@@ -423,6 +425,26 @@ def test_the_directory_is_read_in_a_confined_process(clean: Running, monkeypatch
 
     monkeypatch.setattr(sandbox, "zip_directory", fail)
     assert ended(clean.client, begun(clean.client, pack(meshes(range(2)))))["counts"]["stored"] == 2
+
+
+def test_a_cancellation_waits_for_the_reading_of_a_member() -> None:
+    """The file is closed after it; an error of the disk is not hidden by that of a generator at work."""
+    go_on, ended_reading = threading.Event(), threading.Event()
+
+    def read() -> None:
+        go_on.wait()
+        ended_reading.set()
+
+    async def cancelled() -> None:
+        reading = asyncio.create_task(runner._ended(run_in_threadpool(read)))
+        await asyncio.sleep(0)
+        reading.cancel()
+        asyncio.get_running_loop().call_later(0.05, go_on.set)
+        with pytest.raises(asyncio.CancelledError):
+            await reading
+        assert ended_reading.is_set()
+
+    asyncio.run(cancelled())
 
 
 @on_both
