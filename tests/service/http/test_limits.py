@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 
+from service import turns
 from service.compute import request_queue as work_module
 from service.compute import tasks
 from tests.service.support import (
@@ -135,6 +136,7 @@ def test_more_requests_than_may_wait_are_turned_away(
 ) -> None:
     with monkeypatch.context() as patch, ThreadPoolExecutor(1) as others:
         patch.setattr(work_module, "embed_mesh", nap_instead)
+        patch.setattr(turns, "PATIENCE_SECONDS", 0.1)
         first = others.submit(upload, strict.client, small_file(2), "first.off")
         wait_until(lambda: napping(strict.container.pool), seconds=60)
         shape = strict.client.get("/shapes").json()["shapes"][0]

@@ -91,7 +91,8 @@ def visiting(browser: Browser, running: Running, **options: Any) -> Iterator[Vis
     visit.page.on("console", note)
     yield visit
     context.close()
-    assert [fault for fault in visit.faults if not any(part in fault for part in visit.expected)] == []
+    wrong = [fault for fault in visit.faults if not any(part in fault for part in visit.expected)]
+    assert not wrong, wrong
 
 
 def drawn(page: Page, count: int) -> None:

@@ -79,6 +79,8 @@ def test_a_shape_is_downloaded_opened_and_shown_alone(visit: Visit) -> None:
 def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     before = stored(service)
     page = visit.open("browse")
+    # The picture of a shape that is deleted meanwhile is not found.
+    page.wait_for_load_state("networkidle")
     for name in ("fish-1.ply", "glasses-2.ply", "fish-2.ply"):
         choose(page, name, "Delete")
         told = f"{name} was deleted. You can restore it within 7 days."
@@ -118,6 +120,8 @@ def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
 def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
     visit.expected = ["409"]
     page = visit.open("browse")
+    # The picture of a shape that is deleted meanwhile is not found.
+    page.wait_for_load_state("networkidle")
     choose(page, "fish-1.ply", "Delete")
     undo = page.get_by_role("button", name="Undo: restore fish-1.ply")
     undo.wait_for()
@@ -129,6 +133,8 @@ def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Ru
 
 def test_a_shape_deleted_while_the_list_is_loaded_again_does_not_stay(visit: Visit) -> None:
     page = visit.open("browse")
+    # The picture of a shape that is deleted meanwhile is not found.
+    page.wait_for_load_state("networkidle")
     held: list[Route] = []
     page.route(
         "**/shapes/*",

@@ -75,7 +75,9 @@ def test_others_are_served_meanwhile(served: Served) -> None:
 
 def test_the_log_has_no_failure_of_the_service(served: Served) -> None:
     assert served.client.get("/readyz").status_code == 200
-    lines = (served.folder / "log.txt").read_text().splitlines()
+    text = (served.folder / "log.txt").read_text()
+    # This Python may have known holes.
+    lines = [line for line in text.splitlines() if not line.startswith("Warning: Python")]
     address = str(served.client.base_url).rstrip("/")
     assert lines[:2] == [f"Isoshape {state} on {address}" for state in ("starts", "listens")]
     assert [line for line in lines[2:] if not line.startswith("{") or '"level": "error"' in line] == []
