@@ -35,6 +35,11 @@ SPACING, QUALITY = 0.5, 0.5
 the least quality of its triangles, which is 1 for an equilateral one."""
 
 
+GAP, GAPS = 4, 0.05
+"""Most edges of the boundary of a gap, where a facet or two are missing; and the most boundary edges of gaps
+over all edges. More is a polygon soup."""
+
+
 @dataclass(frozen=True, eq=False)
 class CurvedSurface:
     """A triangle mesh as an approximation of a smooth surface with sharp edges.
@@ -60,6 +65,8 @@ class CurvedSurface:
         One half-edge of each sharp edge and of each boundary edge: that of the face with the larger `chord`.
     folds : int64, shape (e,)
         One half-edge of each edge at which the surface bends smoothly.
+    at_gap : bool, shape (3 f,)
+        Whether a half-edge bounds a gap: the surface beyond it is unknown.
     corner_vertices : int64, shape (3 f,)
         The vertex at each corner.
     handles : int or None
@@ -75,6 +82,7 @@ class CurvedSurface:
     twins: Ints
     sharp: Ints
     folds: Ints
+    at_gap: NDArray[np.bool_]
     corner_vertices: Ints
     handles: int | None
 
@@ -195,9 +203,22 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         twins=twins,
         sharp=np.concatenate([on_curved[~smooth], unpaired]),
         folds=half_edge[bent],
+        at_gap=_at_gap(mesh.faces, unpaired, len(sides.first)),
         corner_vertices=mesh.faces.ravel(),
         handles=_handles(mesh, len(sides.first)) if paired.all() else None,
     )
+
+
+def _at_gap(faces: Ints, unpaired: Ints, edges: int) -> NDArray[np.bool_]:
+    """Return whether each half-edge bounds a gap; `unpaired` are the half-edges of the boundary."""
+    at_gap = np.zeros(faces.size, dtype=bool)
+    rows, starts = np.divmod(unpaired, 3)
+    ends = np.stack([faces[rows, starts], faces[rows, (starts + 1) % 3]], axis=1)
+    _, loops = component_labels(int(faces.max()) + 1, ends)
+    small = np.bincount(loops[ends[:, 0]], minlength=1)[loops[ends[:, 0]]] <= GAP
+    if small.sum() <= GAPS * edges:
+        at_gap[unpaired[small]] = True
+    return at_gap
 
 
 def _sums(groups: Ints, values: Floats, count: int = 0) -> Floats:

@@ -138,11 +138,21 @@ def copy_by_surfaces(
         deviation = local_deviation(first, second, motion)
         scale = motion.scale * second.samples.unit / first.samples.unit
         if deviation.within:
-            return RigidCopy(scale, mirrored=sign < 0, residual=deviation.rms)
+            mirrored = sign < 0 and not (_is_achiral(first) or _is_achiral(second))
+            return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms)
         if variants and sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
             difference = _difference(first, second, motion, deviation)
             variant = RigidCopy(scale, mirrored=False, residual=deviation.rms, difference=difference)
     return variant
+
+
+def _is_achiral(surface: ProbedSurface) -> bool:
+    """Return whether a surface is a copy of its own mirror image."""
+    points = surface.samples.representatives * surface.samples.unit + surface.samples.centre
+    coarse, deviating = _best(surface, surface, (points, points), -1)
+    if coarse is None or deviating > COPIED:
+        return False
+    return local_deviation(surface, surface, fitted(surface, surface, coarse)).within
 
 
 def _best(

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.registration.curved_surface import ON_EDGE
 from core.registration.probed_surface import SPREAD, ProbedSurface
 from core.registration.similarity import Similarity
 
@@ -178,8 +179,13 @@ def _one_way(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return distances of the probes, chord errors of both meshes, and which probes deviate by region."""
     moved = motion.apply(first.points)
-    targets, _, errors = second.curved.at(*second.curved.closest(moved))
+    shares, faces = second.curved.closest(moved)
+    targets, _, errors = second.curved.at(shares, faces)
     gaps = np.linalg.norm(targets - moved, axis=1)
+    # The surface beyond the boundary of a gap is unknown.
+    least = shares.argmin(axis=1)
+    on_edge = shares[np.arange(len(shares)), least] <= ON_EDGE
+    gaps[on_edge & second.curved.at_gap[3 * faces + (least + 1) % 3]] = 0.0
     spans = first.errors + errors
     region = first.curved.regions[first.faces]
     count = np.maximum(np.bincount(region), 1)
