@@ -1,4 +1,4 @@
-"""What a file is by its first bytes, whatever its name says: the reason why it cannot be read as that."""
+"""The kind of a file by its first bytes, whatever its name says: the reason why it cannot be read as that."""
 
 import re
 

@@ -96,7 +96,7 @@ def _ascii(text: bytes, limits: Limits) -> Content:
     sizes: list[int] = []
     warnings: list[str] = []
     for block in _gathered(_blocks(text.replace(b"end solid", b"endsolid"), warnings)):
-        # What is outside the facets, and their loops in turn.
+        # The outside of the facets, and their loops in turn.
         pieces = _ASCII_FACET.split(block)
         if any(outside.replace(_BETWEEN, b"").strip() for outside in pieces[::2]):
             raise MalformedMeshError("a facet of the STL is not a polygon, or is not complete")

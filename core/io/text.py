@@ -16,7 +16,7 @@ _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 # Zeros and Control-Z, the end of a file for CP/M, which some writers add.
 _PADDING = b"\0\x1a"
 _MINUS_SIGN = "\N{MINUS SIGN}".encode()
-# What Microsoft's C library prints for NaN and infinity, and the exponents of Fortran.
+# NaN and infinity as Microsoft's C library prints them, and the exponents of Fortran.
 _NOT_FINITE = re.compile(rb"nan\([^)\s]*\)|1\.#(?:ind|[qs]nan|inf)\w*")
 _EXPONENT = re.compile(rb"(?<=[0-9.])d(?=[-+]?[0-9])")
 # One meaning for every byte: white space is a space, a tab or a newline, and what is not ASCII, which only

@@ -54,7 +54,7 @@ ETAG_HEADER: dict[str, Any] = {
 
 
 async def _pieces(data: bytes) -> AsyncIterator[bytes]:
-    """Yield bytes piece by piece: of the whole the server would say at once that it is sent."""
+    """Yield bytes piece by piece: the server would report a whole body as sent at once."""
     for start in range(0, len(data), PIECE_BYTES):
         yield data[start : start + PIECE_BYTES]
 
