@@ -14,7 +14,7 @@ same : a rigid copy of the same size, on any mesh.
 scaled : a rigid copy of another size.
 mirrored : a rigid copy of the mirror image, of any size.
 variant : a rigid copy, of any size, but for a local difference.
-pose : nearly isometric, as two poses of one body.
+pose : nearly isometric and bent, as two poses of one body.
 similar : probably of one class.
 weak : none of these.
 """
@@ -25,15 +25,20 @@ Copy = Literal["same", "scaled", "mirrored", "variant"]
 SAME_SIZE = 0.03
 """Two copies have one size if their scale differs from 1 by at most this."""
 
-NEAR_ISOMETRIC = 0.032
+NEAR_ISOMETRIC = 0.045
 """Largest spectral distance of two nearly isometric surfaces: the Euclidean distance between the logarithms
 of their first 30 Laplace-Beltrami eigenvalues, divided by the root of 30.
 
 A compromise: poses of one body that are further apart are told as similar, and individuals of one class that
 are nearer as poses. docs/likeness.md has the shares of both."""
 
-POSE_CC = 0.98
+POSE_CC = 0.97
 """Least CC of two nearly isometric surfaces."""
+
+BENT = 0.103
+"""Least distance of corresponding samples after the best similarity transform
+(`core.registration.similarity.bend`), over the root of the area, of two poses of one body. Rigid parts that
+differ have at most 0.102."""
 
 SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
@@ -48,6 +53,11 @@ def copy_likeness(scale: float, *, mirrored: bool, variant: bool = False) -> Cop
     return "same" if max(scale, 1.0 / scale) <= 1.0 + SAME_SIZE else "scaled"
 
 
+def may_be_pose(spectral: float, cc: float) -> bool:
+    """Return whether spectral distance and CC allow two poses of one body."""
+    return spectral <= NEAR_ISOMETRIC and cc >= POSE_CC
+
+
 def likeness(
     *,
     spectral: float,
@@ -56,15 +66,16 @@ def likeness(
     scale: float | None,
     mirrored: bool = False,
     variant: bool = False,
+    bend: float = 0.0,
 ) -> Likeness:
     """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
     `spectral` is the distance of their log eigenvalues, >= 0, and `probability` that of one class. `scale`,
     length in the second over length in the first, is None unless registration found a copy; `mirrored` and
-    `variant` tell its kind.
+    `variant` tell its kind. `bend` is that of their correspondence over the root of the area, 0 if unknown.
     """
     if scale is not None:
         return copy_likeness(scale, mirrored=mirrored, variant=variant)
-    if spectral <= NEAR_ISOMETRIC and cc >= POSE_CC:
+    if may_be_pose(spectral, cc) and bend >= BENT:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

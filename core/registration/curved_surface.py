@@ -5,7 +5,7 @@ at the corners give the surface between the vertices to the second order (T. Bou
 tessellation", SIGGRAPH Asia 2008, Eq. 4; half of the displacement is that of a circular arc).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -90,6 +90,24 @@ class CurvedSurface:
     def volume(self) -> float:
         """The volume that the surface encloses, >= 0; it means little if the mesh is not closed."""
         return abs(float(np.linalg.det(self.corners).sum())) / 6.0
+
+    @cached_property
+    def moments(self) -> Floats:
+        """The principal second moments of the triangles about the origin, over their area, shape (3,)."""
+        areas = np.linalg.norm(face_normals(self.corners, unit=False), axis=1)
+        # The integral of x x^T over a triangle is A / 12 times the sum over the corners and their sum.
+        points = np.concatenate([self.corners, self.corners.sum(axis=1, keepdims=True)], axis=1)
+        moments = np.einsum("f,fcx,fcy->xy", areas / (12.0 * areas.sum()), points, points)
+        return np.linalg.eigvalsh(moments)
+
+    @cached_property
+    def faceted(self) -> "CurvedSurface":
+        """The triangles themselves as the surface, without chord errors."""
+        flat = np.repeat(self.flat[:, None], 3, axis=1)
+        none = np.zeros(len(self.corners))
+        surface = replace(self, normals=flat, chord=none, spread=np.zeros((len(none), 3)))
+        vars(surface)["tree"] = self.tree
+        return surface
 
     @cached_property
     def tree(self) -> TriangleTree:

@@ -1,6 +1,6 @@
 """A surface to be registered and judged: samples, the smooth surface, and probes of its deviations."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,13 @@ class ProbedSurface:
     errors: Floats
     fit: Ints
     rims: Floats
+
+    @cached_property
+    def faceted(self) -> "ProbedSurface":
+        """The surface whose triangles approximate nothing: the probes lie on them, without chord errors."""
+        curved = self.curved.faceted
+        points, _, errors = curved.at(self.shares, self.faces)
+        return replace(self, curved=curved, points=points, errors=errors)
 
     @cached_property
     def rim_tree(self) -> cKDTree:

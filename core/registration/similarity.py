@@ -83,6 +83,28 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
     return Similarity(scale, rotation, target_centre - scale * rotation @ source_centre)
 
 
+def bend(source: Floats, target: Floats) -> float:
+    """Return how far a correspondence is from a similarity transform, of either sign.
+
+    The transform is that of the nearest `SHARE` of the pairs (trimmed least squares), row i of the source,
+    shape (n, 3), with row i of the target. The result is the distance that nine of ten pairs keep, in the
+    units of the target: of a rigid part it is about the distance of samples, of a body in another pose more.
+    """
+    least = np.inf
+    for sign in (1, -1):
+        near = np.ones(len(source), dtype=bool)
+        gaps = np.zeros(len(source))
+        for _ in range(ROUNDS):
+            motion = best_similarity(source[near], target[near], sign=sign, scaled=True)
+            gaps = np.linalg.norm(target - motion.apply(source), axis=1)
+            nearest = gaps <= np.quantile(gaps, SHARE)
+            if np.array_equal(nearest, near):
+                break
+            near = nearest
+        least = min(least, float(np.quantile(gaps, 0.9)))
+    return least
+
+
 def near_rigid(
     first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], same_units: float
 ) -> Similarity | None:

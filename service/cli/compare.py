@@ -68,9 +68,6 @@ def _line(answer: CompareAnswer) -> str:
 
 def duplicates_command(
     *,
-    min_cc: Annotated[
-        float | None, typer.Option(min=-1.0, max=1.0, help="Only pairs with at least this cc.")
-    ] = None,
     max_residual: Annotated[
         float | None,
         typer.Option(help="Largest distance of two aligned surfaces, over the square root of the area."),
@@ -91,9 +88,7 @@ def duplicates_command(
     Copies may be rotated, scaled, mirrored or remeshed.
     """
     with service_at(url, key, collection) as client:
-        ask = partial(
-            client.duplicates, min_cc=min_cc, max_residual=max_residual, variants=variants, tag=tag or []
-        )
+        ask = partial(client.duplicates, max_residual=max_residual, variants=variants, tag=tag or [])
         answer = ask()
         with progress() as bar:
             total = answer.unjudged

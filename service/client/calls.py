@@ -247,7 +247,6 @@ def _compared(
 
 def duplicates(
     *,
-    min_cc: float | None = None,
     max_residual: float | None = None,
     variants: bool | None = None,
     **filters: Unpack[Filters],
@@ -256,7 +255,7 @@ def duplicates(
 
     With `variants`, rigid copies but for a local difference join groups too.
     """
-    params = _filtered(filters) | given(min_cc=min_cc, max_residual=max_residual, variants=variants)
+    params = _filtered(filters) | given(max_residual=max_residual, variants=variants)
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
 
 

@@ -9,7 +9,7 @@ from core.registration.similarity import RESIDUAL
 from service.collections.endpoints import InCollection, NamedInAddress
 from service.container import Service
 from service.duplicates import service
-from service.duplicates.groups import MIN_CC, Search
+from service.duplicates.groups import Search
 from service.duplicates.schemas import DuplicatesAnswer
 from service.http.middleware import while_connected
 from service.http.problems import documented
@@ -27,13 +27,6 @@ router = APIRouter(tags=["search"])
 class DuplicatesOptions(NamedInAddress, Filters):
     """The shapes to search for near-identical ones, and the limits of near identity."""
 
-    min_cc: float = Field(
-        default=MIN_CC,
-        ge=MIN_CC,
-        le=1.0,
-        description="Only pairs with at least this cc. Shapes are judged with the default, so that no lower "
-        "value is possible. Poses of one body pass this limit too.",
-    )
     max_residual: float = Field(
         default=RESIDUAL,
         gt=0.0,
@@ -88,7 +81,7 @@ async def duplicates(
 
     async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
         fingerprint = active_pipeline.fingerprint
-        bounds = Search(fingerprint, options.variants, options.min_cc, options.max_residual)
+        bounds = Search(fingerprint, options.variants, options.max_residual)
         return await service.find(container, shapes, bounds, active_pipeline, timings)
 
     async with container.queue.admitted(request):

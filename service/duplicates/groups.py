@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from core.ranking.likeness import Copy, copy_likeness
 from core.registration.similarity import RESIDUAL
 
-MIN_CC = 0.98
-"""Least CC of two shapes that are registered. Poses of one body pass this limit too."""
-
 
 @dataclass(frozen=True)
 class Link:
@@ -33,7 +30,6 @@ class Search:
 
     fingerprint: str
     variants: bool
-    min_cc: float = MIN_CC
     max_residual: float = RESIDUAL
 
 

@@ -99,16 +99,18 @@ class ShapeJudge:
     def _near(self, measured: MeasuredShapes, index: int) -> NDArray[np.intp]:
         """Return candidates of the same collection, the least spectral distance first."""
         invariants = measured.invariants
+        groups = [(possible_copies(invariants, index), NEAREST)]
         if self.search.variants:
-            near, most = possible_variants(invariants, index), NEAREST_VARIANTS
-        else:
-            near, most = possible_copies(invariants, index, self.search.max_residual), NEAREST
-        near = near[measured.entries.collections[near] == self.collection]
-        order = np.argsort(invariants.spectral_distances(index, near), kind="stable")
-        return np.asarray(near[order[:most]])
+            groups.append((possible_variants(invariants, index), NEAREST_VARIANTS))
+        nearest: list[int] = []
+        for near, most in groups:
+            of_collection = near[measured.entries.collections[near] == self.collection]
+            order = np.argsort(invariants.spectral_distances(index, of_collection), kind="stable")
+            nearest += of_collection[order[:most]].tolist()
+        return np.array(list(dict.fromkeys(nearest)), dtype=np.intp)
 
     async def _compare(self, snapshot: _Snapshot) -> None:
-        """Register the candidates with the wanted CC, unless other pairs have joined them to the shape."""
+        """Register the candidates, unless other pairs have joined them to the shape."""
         groups = Groups()
         for link in (*snapshot.links, *self._links):
             groups.join(link)
@@ -121,13 +123,13 @@ class ShapeJudge:
                 if not groups.joined(self.shape, int(shapes[index]))
             ]
             self._compared += len(batch)
-            for number, cc in await self._similar(snapshot, np.array(batch, dtype=np.intp)):
+            for number, cc in await self._scored(snapshot, np.array(batch, dtype=np.intp)):
                 if self._aligned < REGISTERED and not groups.joined(self.shape, number):
                     await self._register(snapshot, groups, number, cc)
         self._considered |= {int(shapes[index]) for index in new}
 
-    async def _similar(self, snapshot: _Snapshot, indices: NDArray[np.intp]) -> list[tuple[int, float]]:
-        """Return the candidates at some indices that have the wanted CC, in their order, each with its CC."""
+    async def _scored(self, snapshot: _Snapshot, indices: NDArray[np.intp]) -> list[tuple[int, float]]:
+        """Return the candidates at some indices, in their order, each with its CC."""
         if not len(indices):
             return []
         measured = snapshot.measured.entries
@@ -135,8 +137,7 @@ class ShapeJudge:
         query = Query(snapshot.record, active_pipeline=self.active_pipeline, excluded=frozenset([self.shape]))
         reader = CandidateReader(self.container, self.active_pipeline)
         matched = await Cascade(self.container, query, reader).score(candidates, len(indices))
-        scores = zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True)
-        return [(number, cc) for number, cc in scores if cc >= self.search.min_cc]
+        return list(zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True))
 
     async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> None:
         """Register a pair, the older shape first, and keep it if it is a copy or a variant."""

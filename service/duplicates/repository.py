@@ -124,7 +124,6 @@ def links_of(session: ReadSession, collection: CollectionNumber, bounds: Search)
         .where(
             ShapeRow.collection_number == collection,
             row.fingerprint == bounds.fingerprint,
-            row.cc >= bounds.min_cc,
             row.residual <= bounds.max_residual,
         )
         .order_by(row.first_number, row.second_number)
@@ -161,6 +160,5 @@ def _by(search: Search) -> tuple[ColumnElement[bool], ...]:
     return (
         row.fingerprint == search.fingerprint,
         row.variants.is_(search.variants),
-        row.min_cc <= search.min_cc,
         row.max_residual >= search.max_residual,
     )

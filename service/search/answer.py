@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
+from core.ranking.likeness import may_be_pose
 from core.ranking.shortlist import spectral_distances
 from core.ranking.similarity_map import similarity_map
 from core.registration.rigid_copy import may_be_copy
@@ -23,7 +24,7 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
-from service.search.records import MatchedCandidates, Query, Surface, once
+from service.search.records import MatchedCandidates, Query, Surface, once, proportions_of
 from service.search.schemas import (
     MOST_MAPPED,
     MapAnswer,
@@ -254,7 +255,7 @@ def _read_results(
 ) -> list[_BestResult]:
     """Return the best candidates as they are shown, without one that was deleted a moment ago.
 
-    The embedding is read of a result that may be a rigid copy, and of all with `every_record`.
+    The embedding is read of a result that may be a copy or a pose, and of all with `every_record`.
     """
     container, query, reader = cascade.container, cascade.query, cascade.reader
     entries = best.candidates.entries
@@ -275,7 +276,8 @@ def _read_results(
             numbers[i]
             for i, shape in present
             if every_record
-            or may_be_copy(spectral[i], query.radius, shape.facts["scale"] / shape.facts["area"] ** 0.5)
+            or may_be_pose(spectral[i], float(best.cc[i]))
+            or may_be_copy(spectral[i], query.proportions, proportions_of(shape.facts))
         ]
     )
     return [

@@ -1,18 +1,20 @@
 """The likeness of stored shapes to a query: rigid copies are confirmed by registration."""
 
 import asyncio
-import math
 from functools import partial
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from core.embedding import Embedding
 from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
-from core.ranking.likeness import likeness
+from core.pipeline import Pipeline
+from core.ranking.likeness import likeness, may_be_pose
 from core.ranking.shortlist import spectral_distances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
+from core.registration.similarity import bend
 from service.collection import CollectionNumber
 from service.compute import tasks
 from service.container import Container
@@ -25,9 +27,6 @@ from service.shapes import service as shapes_service
 from service.storage.database import ReadSession
 
 log = get_logger("likeness")
-
-MOST_FACES = 20_000
-"""Most faces of a mesh that is registered; larger meshes are copies by the samples of their records alone."""
 
 
 async def stored_mesh(container: Container, collection: CollectionNumber, shape_id: str) -> Mesh:
@@ -65,14 +64,16 @@ async def relation_of(
 ) -> dict[str, Any]:
     """Return the fields of `PairScores` that tell the relation of a second surface to a first one.
 
-    Surfaces are registered only if the distance of their log eigenvalues (`spectral`) and their areas allow a
-    copy. A surface is no copy if it is None, cannot be read, or is deleted meanwhile. `probability` is their
-    class probability.
+    Surfaces are registered only if the distance of their log eigenvalues (`spectral`) or their proportions
+    allow a copy. A surface is neither copy nor pose if it is None, and no copy if it cannot be read or is
+    deleted meanwhile. `probability` is their class probability.
     """
-    copy = None
+    copy, bent = None, 0.0
     try:
-        if second is not None and may_be_copy(spectral, first.radius, second.radius):
-            copy = await find_copy(container, first, second, parameters, most_faces=MOST_FACES)
+        if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
+            copy = await find_copy(container, first, second, parameters)
+        if copy is None and second is not None and may_be_pose(spectral, cc):
+            bent = await run_in_threadpool(_bend, first.embedding, second.embedding, parameters)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
     scale = None if copy is None else copy.scale
@@ -83,9 +84,20 @@ async def relation_of(
         scale=scale,
         mirrored=copy is not None and copy.mirrored,
         variant=copy is not None and copy.difference is not None,
+        bend=bent,
     )
     difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
     return {"likeness": kind, "scale": scale, "difference": difference}
+
+
+def _bend(first: Embedding, second: Embedding, parameters: Parameters) -> float:
+    """Return how far the correspondence of two embeddings is from rigid, over the root of the area."""
+    pairs = Pipeline(parameters).match(first, second).correspondence
+    source, target = (
+        embedding.positions[samples].astype("float64")
+        for embedding, samples in zip((first, second), pairs.T, strict=True)
+    )
+    return float(bend(source, target) / second.facts.area**0.5)
 
 
 async def find_copy(
@@ -95,12 +107,10 @@ async def find_copy(
     parameters: Parameters,
     *,
     variants: bool = True,
-    most_faces: float = math.inf,
 ) -> RigidCopy | None:
     """Return the second surface as a rigid copy of the first, or a variant if these are wanted, else None.
 
-    Stages: compare the samples of the records; where they do not decide it, register both meshes, unless one
-    has more than `most_faces` faces.
+    Stages: compare the samples of the records; where they do not decide it, register both meshes.
 
     Raises
     ------
@@ -114,8 +124,7 @@ async def find_copy(
         return copy_by_samples(*embeddings, float(spectral[0]))
 
     copy = await run_in_threadpool(by_samples)
-    faces = max(first.embedding.facts.faces, second.embedding.facts.faces)
-    if copy is not None or first.mesh is None or second.mesh is None or faces > most_faces:
+    if copy is not None or first.mesh is None or second.mesh is None:
         return copy
     meshes = await asyncio.gather(first.mesh(), second.mesh())
     return await container.queue.do(

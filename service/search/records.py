@@ -1,8 +1,9 @@
 """A query, its candidates and their scores."""
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from core.descriptors.views import view_signature
 from core.embedding import Embedding
 from core.mesh.mesh import Mesh
 from core.ranking.local_density import LocalDensities
+from core.registration.rigid_copy import Proportions, proportions
 from core.serialization import embedding_from_bytes
 from service.index.cache import CollectionSample
 from service.index.repository import IndexEntries
@@ -37,9 +39,14 @@ class Surface:
         return embedding_from_bytes(self.record)
 
     @property
-    def radius(self) -> float:
-        """Root mean square distance of the surface from its centroid over the root of its area."""
-        return float(self.embedding.facts.scale / self.embedding.facts.area**0.5)
+    def proportions(self) -> Proportions:
+        """The sizes of the surface at unit area."""
+        return proportions_of(asdict(self.embedding.facts))
+
+
+def proportions_of(facts: Mapping[str, Any]) -> Proportions:
+    """Return the proportions of a surface with these facts, by name."""
+    return proportions(**{name: facts[name] for name in ("area", "volume", "scale", "boundary_edges")})
 
 
 def once(read: ReadMesh) -> ReadMesh:

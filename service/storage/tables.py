@@ -282,8 +282,8 @@ class DuplicatePairRow(Table):
 class JudgedShapeRow(Table):
     """A shape that has been compared with all other judged shapes of its collection.
 
-    `variants` tells a search for variants from one for copies. Pairs with at least `min_cc` and at most
-    `max_residual` were found. `compared` and `aligned` count the compared and the registered pairs. `number`
+    `variants` tells a search for variants from one for copies. Pairs with at most `max_residual` were
+    found. `compared` and `aligned` count the compared and the registered pairs. `number`
     orders the rows by time.
     """
 
@@ -297,7 +297,6 @@ class JudgedShapeRow(Table):
     shape_number: Mapped[int] = mapped_column(ForeignKey("shapes.number", ondelete="CASCADE"))
     fingerprint: Mapped[str] = mapped_column(String(16))
     variants: Mapped[bool]
-    min_cc: Mapped[float]
     max_residual: Mapped[float]
     compared: Mapped[int]
     aligned: Mapped[int]

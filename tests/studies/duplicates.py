@@ -37,9 +37,9 @@ from core.registration.similarity import RESIDUAL, best_similarity
 from service.collection import DEFAULT_COLLECTION
 from service.compute import tasks
 from service.container import Container
-from service.duplicates.groups import MIN_CC
 from service.search import repository
 from service.search.likeness import stored_mesh
+from service.search.records import proportions_of
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from tests.people import make_person
@@ -54,6 +54,9 @@ PEOPLE = 4
 
 DIFFERENT = 0.01
 """Poses lie farther apart than this, over the root of the area: some draws differ by one degree."""
+
+UNLIKE = 0.05
+"""Difference of the radii at unit area of shapes that are no variants: twice that of the service."""
 
 CLIENTS = 3
 """Uploads of parts at a time."""
@@ -161,8 +164,8 @@ def _named(family: Family, number: int, kind: str, key: int, mesh: Mesh) -> tupl
 def groups_by_force(container: Container) -> tuple[Groups, Groups]:
     """Return the ids of the shapes of each group of two or more, without and with variants.
 
-    The shapes are those of the default collection. Every pair whose match has the least CC is registered from
-    both files.
+    The shapes are those of the default collection. Every pair whose radii at unit area are near is registered
+    from both files.
     """
     return asyncio.run(_groups(container))
 
@@ -178,10 +181,11 @@ async def _groups(container: Container) -> tuple[Groups, Groups]:
     records = [by_number[embeddings[shape.number]] for shape in shapes]
     meshes = [await stored_mesh(container, DEFAULT_COLLECTION.number, shape.id) for shape in shapes]
     parameters = active.pipeline.parameters
+    radii = [proportions_of(shape.facts).radius for shape in shapes]
     copies, variants = np.zeros((2, len(shapes), len(shapes)), dtype=bool)
     for i, j in combinations(range(len(shapes)), 2):
         pair = records[i], records[j]
-        if (await container.queue.compare(tasks.match_embeddings, *pair, parameters)).cc < MIN_CC:
+        if abs(radii[i] - radii[j]) > UNLIKE:
             continue
         registered = await container.queue.do(tasks.registered, meshes[i], meshes[j], *pair, parameters)
         if registered is not None and registered.residual <= RESIDUAL:

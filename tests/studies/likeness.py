@@ -59,8 +59,8 @@ KINDS: dict[str, frozenset[Likeness]] = {
 }
 """Each kind of planted pair with the right likenesses; some bodies are their own mirror images."""
 
-THRESHOLDS = [(near, POSE_CC) for near in (0.025, NEAR_ISOMETRIC, 0.04, 0.05)] + [
-    (NEAR_ISOMETRIC, cc) for cc in (0.0, 0.97, 0.99)
+THRESHOLDS = [(near, POSE_CC) for near in (0.032, NEAR_ISOMETRIC, 0.06)] + [
+    (NEAR_ISOMETRIC, cc) for cc in (0.0, 0.98, 0.99)
 ]
 """Spectral distances and values of CC that are tried as thresholds of a pose."""
 

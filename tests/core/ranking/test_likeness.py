@@ -5,7 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness
+from core.ranking.likeness import BENT, NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness
 
 FAR = 10.0 * NEAR_ISOMETRIC
 
@@ -21,10 +21,11 @@ def test_a_copy_of_the_mirror_image_is_mirrored_at_any_size(scale: float) -> Non
 
 
 def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> None:
-    def told(spectral: float, cc: float, probability: float) -> Likeness:
-        return likeness(spectral=spectral, cc=cc, probability=probability, scale=None)
+    def told(spectral: float, cc: float, probability: float, bend: float = BENT) -> Likeness:
+        return likeness(spectral=spectral, cc=cc, probability=probability, scale=None, bend=bend)
 
     assert told(NEAR_ISOMETRIC, POSE_CC, 0.0) == "pose"
+    assert told(0.0, 1.0, SIMILAR, np.nextafter(BENT, 0.0)) == "similar"
     assert told(np.nextafter(NEAR_ISOMETRIC, 1.0), POSE_CC, SIMILAR) == "similar"
     assert told(0.0, np.nextafter(POSE_CC, 0.0), SIMILAR) == "similar"
     assert told(FAR, 1.0, np.nextafter(SIMILAR, 0.0)) == "weak"

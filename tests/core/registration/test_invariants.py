@@ -10,7 +10,6 @@ from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import bounding_box
 from core.registration.invariants import Invariants, possible_copies, possible_variants
-from core.registration.similarity import RESIDUAL
 from tests.studies.copies import moved
 from tests.studies.kinship import PHASE
 from tests.studies.machine_parts import Drawing, part
@@ -54,9 +53,9 @@ def surfaces() -> Invariants:
 def test_copies_pass_and_other_parts_do_not(surfaces: Invariants) -> None:
     for place in (FIRST, LARGER, REMESHED):
         rest = {FIRST, LARGER, REMESHED} - {place}
-        assert set(possible_copies(surfaces, place, RESIDUAL).tolist()) == rest
+        assert set(possible_copies(surfaces, place).tolist()) == rest
     for place in (DRILLED, OTHER, FLANGE):
-        assert not possible_copies(surfaces, place, RESIDUAL).size
+        assert not possible_copies(surfaces, place).size
 
 
 def test_variants_pass_as_variants(surfaces: Invariants) -> None:
@@ -69,7 +68,7 @@ def test_the_volume_of_an_open_surface_does_not_count(surfaces: Invariants) -> N
     descriptors[LARGER, :2] += 1.0
     for closed in (True, False):
         other = replace(surfaces, descriptors=descriptors, closed=np.full(len(MESHES), closed))
-        found = possible_copies(other, FIRST, RESIDUAL)
+        found = possible_copies(other, FIRST)
         assert REMESHED in found
         assert (LARGER in found) is not closed
         assert FLANGE not in found

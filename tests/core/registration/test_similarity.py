@@ -9,7 +9,7 @@ from core.gallery import make_shape
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.registration.curved_surface import CurvedSurface, curved_surface
-from core.registration.similarity import best_similarity
+from core.registration.similarity import bend, best_similarity
 from core.sampling.surface_samples import closest_points, surface_samples
 
 
@@ -45,6 +45,20 @@ def test_the_determinant_is_the_one_asked_for_and_no_rotation_nearby_is_better()
             turn = np.linalg.solve(np.eye(3) + skew, np.eye(3) - skew) @ found.rotation
             other = points @ turn.T + target.mean(axis=0) - turn @ points.mean(axis=0)
             assert ((other - target) ** 2).sum() > least
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_bend_is_the_way_of_the_part_that_moves(sign: int) -> None:
+    """A quarter of a rod is turned about its end by 90 degrees: nine of ten points move less than its top."""
+    points = np.zeros((101, 3))
+    points[:, 0] = np.linspace(0.0, 1.0, 101)
+    points[::2, 1], points[1::2, 2] = 0.05, 0.05
+    bent = points.copy()
+    free = points[:, 0] > 0.75
+    bent[free, 0], bent[free, 1] = 0.75 - points[free, 1], points[free, 0] - 0.75
+    moved = 1.7 * (bent - [0.1, 0.2, 0.3]) @ orthogonal(2, sign).T
+    assert bend(points, moved) == pytest.approx(1.7 * np.quantile(np.linalg.norm(bent - points, axis=1), 0.9))
+    assert bend(points, 1.7 * points @ orthogonal(2, sign).T) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_points_are_spread_by_area_on_a_surface_of_unit_area() -> None:

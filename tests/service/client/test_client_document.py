@@ -69,7 +69,6 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         "duplicates",
         (),
         {
-            "min_cc": 0.99,
             "max_residual": 0.002,
             "variants": True,
             "tag": ["a"],
