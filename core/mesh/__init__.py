@@ -1,9 +1,10 @@
-"""Triangle meshes: validity, cleaning, hole filling, denoising, simplification, subdivision, normal frame.
+"""Triangle meshes: validity, cleaning, hole filling, denoising, simplification, subdivision, frames.
 
 Vertices and faces in; a clean, closed and evenly meshed surface in its normal frame out.
 """
 
 __all__ = [
+    "bounding_box",
     "box_tree",
     "cleaning",
     "edges",

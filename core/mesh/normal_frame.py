@@ -1,10 +1,9 @@
-"""Principal axes, area-weighted: the normal frame of a surface, and its bounding box along the axes."""
+"""The normal frame of a surface: its centroid and its principal axes, weighted by area."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from core.arrays import Floats, Ints
 from core.mesh.cleaning import centroid, face_areas
@@ -26,9 +25,6 @@ ORDERS = (3, 5, 2, 4, 6, 7, 8)
 
 SYMMETRIC = 1e-5
 """A third moment below this fraction of the cubed scale is rounding and cannot decide the sign of an axis."""
-
-SIDES = 32
-"""Most sides of the convex hull that a box may stand on, if all three axes are tied."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,66 +177,3 @@ def normal_frame(mesh: Mesh) -> NormalFrame:
         axes[i] *= _sign(unit, areas, axes[i])
     axes[2] = np.cross(axes[0], axes[1])
     return NormalFrame(centre=centre, axes=axes, scale=scale)
-
-
-def bounding_box(mesh: Mesh) -> tuple[float, float, float]:
-    """Return the length, width and height of a surface along its principal axes.
-
-    The principal axes are the eigenvectors of the area-weighted second moments. Tied axes
-    (`core.mesh.normal_frame.TIED`) have no direction of their own. The box of two tied axes is the rectangle
-    of least area in their plane; the box of three is the least box on one of the largest sides of the convex
-    hull. Every face counts, also the debris that cleaning drops; the area is > 0. The extents are in the
-    units of the file, the largest first.
-    """
-    areas = face_areas(mesh.vertices, mesh.faces)
-    centred = mesh.vertices - centroid(mesh.vertices, mesh.faces, areas)
-    values, vectors = np.linalg.eigh(second_moments(centred, mesh.faces, areas))
-    values, axes = values[::-1], vectors.T[::-1]
-    used = np.zeros(len(centred), dtype=bool)
-    used[mesh.faces] = True
-    along = centred[used] @ axes.T
-    tied = values[:-1] - values[1:] < TIED * values[:-1]
-    extents = np.ptp(along, axis=0)
-    try:
-        if tied.all():
-            extents = _least_box(along)
-        elif tied[0]:
-            extents = np.array([*_least_rectangle(along[:, :2]), extents[2]])
-        elif tied[1]:
-            extents = np.array([extents[0], *_least_rectangle(along[:, 1:])])
-    except QhullError:
-        # The points lie on a line to the precision of their coordinates.
-        pass
-    length, width, height = sorted(map(float, extents), reverse=True)
-    return length, width, height
-
-
-def _least_box(points: Floats) -> Floats:
-    """Return the extents of the least box on one of the largest sides of the hull of points, shape (n, 3)."""
-    hull = ConvexHull(points)
-    corners = points[hull.vertices]
-    first, second, third = (points[hull.simplices[:, i]] for i in range(3))
-    areas = np.linalg.norm(np.cross(second - first, third - first), axis=1)
-    rounded = np.round(hull.equations[:, :3], 3)
-    _, first_of, side_of = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
-    largest = np.argsort(-np.bincount(side_of.ravel(), weights=areas))[:SIDES]
-    boxes = []
-    for normal in hull.equations[first_of[largest], :3]:
-        across = np.linalg.svd(normal[None])[2][1:]
-        boxes.append([*_least_rectangle(corners @ across.T), np.ptp(corners @ normal)])
-    return np.array(min(boxes, key=np.prod))
-
-
-def _least_rectangle(points: Floats) -> Floats:
-    """Return the extents of the rectangle of least area around points in a plane, shape (n, 2).
-
-    One of its sides lies on an edge of the convex hull (Freeman and Shapira 1975).
-    """
-    corners = points[ConvexHull(points).vertices]
-    edges = np.roll(corners, -1, axis=0) - corners
-    edges /= np.linalg.norm(edges, axis=1)[:, None]
-    _, distinct = np.unique(np.round(edges, 5), axis=0, return_index=True)
-    rectangles = [
-        (float(np.ptp(corners @ (x, y))), float(np.ptp(corners @ (-y, x)))) for x, y in edges[distinct]
-    ]
-    return np.array(min(rectangles, key=np.prod))

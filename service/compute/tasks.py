@@ -1,7 +1,7 @@
 """The tasks of the workers: bytes in, bytes out. Called by reference in another process."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
@@ -23,9 +23,9 @@ from core.io import Limits, read_file
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
 from core.matching.thin_plate_spline import compiled_spline_operators
+from core.mesh.bounding_box import Sides, bounding_box, file_box
 from core.mesh.box_tree import closest_on_triangles, triangle_tree
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import bounding_box
 from core.mesh.preparation import MOST_IN_TREE, nearest_vertices
 from core.mesh.simplification import contract_edges
 from core.numerics.guarding import guarded
@@ -47,7 +47,7 @@ class Embedded:
     `record` is the whole embedding, with its `signature`, shape (s,). `core.ranking.reranking` describes
     `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,), and
     `core.descriptors.facts` the `reliability`. `facts` are those of the embedding, the bounding
-    box and the warnings, by name, and `milliseconds` the wall times of the stages "read" and "embed".
+    boxes and the warnings, by name, and `milliseconds` the wall times of the stages "read" and "embed".
     """
 
     record: bytes
@@ -90,13 +90,17 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float, warnings: Sequen
                 "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
             )
         embed = 1e3 * (time.perf_counter() - start)
-        return ready_to_store(embedding, bounding_box(mesh), {"read": read, "embed": embed}, warnings)
+        boxes = {"bounding_box": bounding_box(mesh), "file_box": file_box(mesh)}
+        return ready_to_store(embedding, boxes, {"read": read, "embed": embed}, warnings)
 
 
 def ready_to_store(
-    embedding: Embedding, box: Sequence[float], milliseconds: dict[str, float], warnings: Sequence[str] = ()
+    embedding: Embedding,
+    boxes: Mapping[str, Sides],
+    milliseconds: dict[str, float],
+    warnings: Sequence[str] = (),
 ) -> Embedded:
-    """Return an embedding with all that is stored beside it; `box` is the bounding box, three lengths."""
+    """Return an embedding with all that is stored beside it; `boxes` are the bounding boxes by name."""
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
@@ -104,7 +108,7 @@ def ready_to_store(
         quantised_points=quantised_points(embedding),
         view_signature=view_signature(embedding.descriptors["views"]),
         reliability=intrinsic_reliability(embedding.facts),
-        facts={**asdict(embedding.facts), "bounding_box": list(box), "warnings": list(warnings)},
+        facts={**asdict(embedding.facts), **boxes, "warnings": list(warnings)},
         milliseconds=milliseconds,
     )
 

@@ -181,6 +181,7 @@ SHAPE: dict[str, Any] = {
         "nonmanifold_edges": 0,
         "boundary_ratio": 0.0,
         "bounding_box": [1.213, 0.954, 0.318],
+        "file_box": [0.344, 1.226, 0.961],
         "closed": True,
     },
     "unit": "",
@@ -219,7 +220,10 @@ class MeshFacts(BaseModel):
         "most 1; 0 for a closed surface, and for one of several pieces none of which has 3/4 of the area.",
     )
     bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
-        description="Length, width and height along the principal axes of the surface, the largest first."
+        description="The sides of the least box around the mesh, in any orientation, the largest first."
+    )
+    file_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        description="The extents of the mesh along the x, y and z axes of the file."
     )
     closed: bool = Field(
         default=False,

@@ -1,4 +1,4 @@
-"""The normal frame and the bounding box: they move with the surface, whatever its tessellation."""
+"""The normal frame: it moves with the surface, whatever its tessellation."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import _mean_power, bounding_box, normal_frame, second_moments
+from core.mesh.normal_frame import _mean_power, normal_frame, second_moments
 from tests.core.shapes import (
     SAME_SHAPE,
     area,
@@ -188,57 +188,3 @@ def test_compiled_second_moments_are_by_the_midpoints_rule():
     centre, wanted = midpoint_second_moments(mesh)
     found = second_moments(mesh.vertices - centre, mesh.faces, face_areas(mesh.vertices, mesh.faces))
     np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-15)
-
-
-SQUARES = {
-    "cube": (20.0, 20.0, 20.0),
-    "square tube": (100.0, 20.0, 20.0),
-    "nearly square tube": (100.0, 20.0, 19.9),
-    "square plate": (50.0, 50.0, 2.0),
-    "block": (30.0, 20.0, 10.0),
-}
-
-
-@pytest.mark.parametrize("extents", SQUARES.values(), ids=SQUARES)
-@pytest.mark.parametrize("seed", range(4))
-def test_a_turned_block_has_its_own_extents(extents, seed):
-    mesh = shifted(turned(box(*extents[::-1]), seed), (4, -5, 6))
-    assert bounding_box(mesh) == pytest.approx(extents, rel=1e-6)
-    assert bounding_box(subdivided(mesh)) == pytest.approx(extents, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "extents", "error"),
-    [
-        pytest.param(turned(rectangle(3.0, 3.0, 5, 7), 1), (3.0, 3.0, 0.0), 1e-9, id="sheet"),
-        pytest.param(turned(icosphere(4, 2.5), 3), (5.0, 5.0, 5.0), 0.05, id="ball"),
-        pytest.param(
-            Mesh([*box(3, 2, 1).vertices, [100, 0, 0]], box(3, 2, 1).faces), (3, 2, 1), 1e-6, id="lone vertex"
-        ),
-        pytest.param(Mesh([[0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0]], [[0, 1, 2]]), (1, 0, 0), 1e-6, id="sliver"),
-    ],
-)
-def test_a_shape_of_known_extents_has_them(mesh, extents, error):
-    assert bounding_box(mesh) == pytest.approx(extents, abs=error)
-
-
-def test_a_body_without_ties_is_measured_along_its_eigenvectors():
-    mesh = blob()
-    axes = np.linalg.eigh(midpoint_second_moments(mesh)[1])[1]
-    wanted = sorted(np.ptp(mesh.vertices @ axes, axis=0), reverse=True)
-    assert bounding_box(mesh) == pytest.approx(wanted, rel=1e-9)
-
-
-@pytest.mark.parametrize("change", SAME_SHAPE)
-def test_the_box_belongs_to_the_shape(change):
-    mesh = blob(2)
-    factor = 37.3 if change == "scaled" else 0.021 if change == "all of these" else 1.0
-    wanted = bounding_box(scaled(mesh, factor))
-    assert bounding_box(SAME_SHAPE[change](mesh)) == pytest.approx(wanted, rel=1e-6)
-
-
-@pytest.mark.parametrize("factor", [1e-20, 1e20])
-def test_sizes_of_any_magnitude_are_measured(factor):
-    assert bounding_box(turned(box(3 * factor, 2 * factor, factor), 5)) == pytest.approx(
-        (3 * factor, 2 * factor, factor), rel=1e-6
-    )

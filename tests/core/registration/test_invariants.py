@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from core.descriptors.facts import global_descriptors
+from core.mesh.bounding_box import bounding_box
 from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import bounding_box
 from core.registration.invariants import Invariants, possible_copies, possible_variants
 from tests.studies.copies import moved
 from tests.studies.kinship import PHASE

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 from core.io import write_mesh
@@ -41,7 +42,7 @@ def listed(running: Running, **filters: str) -> set[str]:
     return {shape["name"] for shape in answer["shapes"]}
 
 
-def test_records_have_a_bounding_box_an_area_and_a_volume(stocked: Running) -> None:
+def test_records_have_bounding_boxes_an_area_and_a_volume(stocked: Running) -> None:
     shapes = {shape["name"]: shape["facts"] for shape in stocked.client.get("/shapes").json()["shapes"]}
     bar, sheet = shapes["bar.off"], shapes["sheet.off"]
     assert bar["bounding_box"] == pytest.approx([100.0, 20.0, 10.0], rel=1e-4)
@@ -49,6 +50,7 @@ def test_records_have_a_bounding_box_an_area_and_a_volume(stocked: Running) -> N
     assert (bar["volume"], bar["closed"]) == (pytest.approx(20_000.0, rel=1e-4), True)
     assert shapes["cube.off"]["bounding_box"] == pytest.approx([20.0, 20.0, 20.0], rel=1e-4)
     assert sheet["bounding_box"] == pytest.approx([40.0, 30.0, 0.0], abs=1e-3)
+    assert bar["file_box"] == pytest.approx(np.ptp(MESHES["bar.off"].vertices, axis=0), rel=1e-4)
     assert sheet["closed"] is False
 
 
