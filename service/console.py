@@ -1,35 +1,43 @@
 """The output of commands: results on standard output, messages on standard error."""
 
 from collections.abc import Callable, Collection, Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
-from rich import box
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
+
+# rich is imported where a table or a bar is drawn: messages and JSON do not wait for it.
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
 
 
-def output() -> Console:
+WIDTH = 10_000
+"""Characters of a line of a file or a pipe, so that a row of a table is one line."""
+
+
+def output() -> "Console":
     """Return the present standard output. Names of files and classes are never read as markup."""
-    return Console(markup=False, highlight=False)
+    console = _console(stderr=False)
+    if not console.is_terminal:
+        console.width = WIDTH
+    return console
 
 
-def messages() -> Console:
+def messages() -> "Console":
     """Return the present standard error, without markup too."""
-    return Console(stderr=True, markup=False, highlight=False)
+    return _console(stderr=True)
+
+
+def _console(*, stderr: bool) -> "Console":
+    from rich.console import Console  # noqa: PLC0415
+
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 def say(message: str) -> None:
     """Print one line on standard error."""
-    messages().print(message, soft_wrap=True)
+    typer.echo(message, err=True)
 
 
 def fail(message: str, status: int = 1) -> NoReturn:
@@ -49,8 +57,17 @@ def print_table(
     output().print(made)
 
 
-def progress() -> Progress:
+def progress() -> "Progress":
     """Return a progress bar on standard error, removed at its end; invisible unless that is a terminal."""
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
     console = messages()
     return Progress(
         TextColumn("{task.description}", markup=False),
@@ -64,18 +81,21 @@ def progress() -> Progress:
     )
 
 
-def counted(bar: Progress, description: str, total: int) -> Callable[[int], None]:
+def counted(bar: "Progress", description: str, total: int) -> Callable[[int], None]:
     """Add a task to a progress bar, and return a function that advances it by a number of steps."""
     task = bar.add_task(description, total=total)
     return lambda count: bar.advance(task, count)
 
 
-def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -> Table:
+def table(*columns: str, fold: Collection[str] = (), title: str | None = None) -> "Table":
     """Return an empty table with a line under its head.
 
-    A head that begins with ">" is of numbers, to the right. `fold` has the heads of columns whose text may
-    take several lines.
+    A head that begins with ">" is of numbers, to the right. `fold` has the heads of columns whose text takes
+    several lines where the terminal is too narrow; other columns stay on one line.
     """
+    from rich import box  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
     made = Table(box=box.SIMPLE_HEAD, collapse_padding=True, title=title)
     for column in columns:
         head, is_number = column.removeprefix(">"), column.startswith(">")

@@ -3,9 +3,13 @@
 One file a command; the research commands are in `service.cli.evaluation`.
 """
 
+import sys
+
 
 def main() -> None:
     """Run the command line."""
+    # httpx is imported without its own command line, which imports click and pygments: 0.1 s.
+    sys.modules.setdefault("httpx._main", None)  # type: ignore[arg-type]
     # Here, because a worker process imports this package anew and needs no command.
     from service.cli.commands import command_line  # noqa: PLC0415
 

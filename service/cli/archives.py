@@ -1,4 +1,4 @@
-"""The commands on archives: `isoshape check`, `backup`, `restore`, `copy` and `reembed`."""
+"""The commands on archives: `isoshape check`, `backup`, `recover`, `copy` and `reembed`."""
 
 import asyncio
 import json
@@ -87,7 +87,7 @@ def backup_command(
     print_counts(back_up(archive_in_use(), file, replace=force))
 
 
-def restore_command(
+def recover_command(
     file: Annotated[Path, typer.Argument(help="A file that `isoshape backup` wrote.")],
     *,
     force: Annotated[

@@ -110,7 +110,7 @@ def duplicates_command(
 
 def _print_groups(answer: DuplicatesAnswer) -> None:
     columns = (">group", "name", "likeness", ">scale", ">cc", ">residual")
-    groups = table(*columns, fold=("name",))
+    groups = table(*columns)
     for number, group in enumerate(answer.groups, 1):
         for member in group:
             numbers = f"{member.scale:.4g}", score_in_words(member.cc), f"{member.residual:.4f}"

@@ -4,11 +4,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from pydantic import ValidationError
-from rich.progress import Progress
 
 from core.io import readable
 from service.cli.service_address import Collection, Key, Url, service_at
@@ -19,6 +18,9 @@ from service.datasets import DatasetError, MeshFile, find_meshes, read_table
 from service.http.problem_document import TYPE_PREFIX, Cause, faults_of
 from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 About = tuple[tuple[str, ...], dict[str, str] | None]
 """The tags and the metadata of a mesh."""
@@ -113,7 +115,7 @@ class Tally:
             say(f"{self.finished} of {self.total} done, {len(self.refused)} refused")
 
 
-def store_archive(client: Client, path: Path, tags: Sequence[str], bar: Progress, tally: Tally) -> None:
+def store_archive(client: Client, path: Path, tags: Sequence[str], bar: "Progress", tally: Tally) -> None:
     """Send an archive, wait until its job has ended, and count the outcomes of its files.
 
     Raises

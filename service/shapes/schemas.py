@@ -419,6 +419,11 @@ def box_in_words(facts: MeshFacts) -> str:
     return " × ".join(map(number_in_words, facts.bounding_box))
 
 
+def in_unit(size: str, unit: str) -> str:
+    """Return a size with its unit, if it has one."""
+    return f"{size} {unit}".rstrip()
+
+
 def volume_in_words(facts: MeshFacts) -> str:
     """Return the volume, or that the surface is open and has none."""
     return number_in_words(facts.volume) if facts.closed else "open surface"

@@ -48,15 +48,10 @@ def test_step_is_a_format_only_where_it_is_installed(run: Run, monkeypatch: pyte
         assert ("step" in run("ingest", "empty").stderr) == installed
 
 
-def test_results_show_sizes_and_digits_near_one(archive: Client, cup: Path, run: Run) -> None:
+def test_results_show_digits_near_one(archive: Client, cup: Path, run: Run) -> None:
     archive.upload(cup)
     archive.upload(("pose.off", mesh_bytes("cup", 1)))
     done = run("query", cup, "--url", archive.url)
-    facts = next(iter(archive.shapes(name="cup"))).facts
-    assert facts.bounding_box is not None
-    length = f"{float(f'{facts.bounding_box[0]:.4g}'):g} × "
-    assert length in done.stdout
-    assert "length × width × height" in done.stdout
     shown = [line.split() for line in done.stdout.splitlines() if "pose.off" in line]
     (cc,) = {result.cc for result in archive.query_file(cup).results if result.shape.name == "pose.off"}
     assert any(word.startswith("0.") and abs(float(word) - cc) < 0.1 * (1.0 - cc) for word in shown[0])

@@ -7,6 +7,7 @@ from pathlib import Path
 from service.cli.commands import COMMANDS
 from service.client import Client
 
+DRAWING = {"rich", "pygments", "click"}
 HEAVY = {"numba", "llvmlite", "sqlalchemy", "scipy", "numpy", "fastapi", "starlette", "uvicorn", "trimesh"}
 
 SCRIPT = """
@@ -35,12 +36,26 @@ def test_a_command_on_a_service_is_light(archive: Client, cup: Path) -> None:
         ("query", cup, "--json", "--url", archive.url),
         ("duplicates", "--url", archive.url),
         ("collections", "--url", archive.url),
+        ("list", "--url", archive.url),
+        ("show", cup.name, "--url", archive.url),
+        ("tag", cup.name, "--add", "x", "--url", archive.url),
         ("key",),
     ):
         imported = imported_by(*arguments)
         assert {"typer", f"service.cli.{COMMANDS[arguments[0]].module}"} <= imported
         assert imported & HEAVY == set(), arguments
     assert [shape.name for shape in archive.shapes()] == ["a cup.off"]
+
+
+def test_only_a_table_or_a_bar_waits_for_rich(archive: Client, cup: Path) -> None:
+    archive.upload(cup)
+    for arguments in (
+        ("query", cup, "--json", "--url", archive.url),
+        ("list", "--json", "--url", archive.url),
+        ("show", cup.name, "--url", archive.url),
+        ("tag", cup.name, "--add", "x", "--url", archive.url),
+    ):
+        assert imported_by(*arguments) & DRAWING == set(), arguments
 
 
 def test_help_imports_no_command() -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -23,14 +24,19 @@ def no_local_service(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_table(archive: Client, cup: Path, run: Run) -> None:
-    archive.upload(cup, name="[bold]the same", tags=["cup"])
+    name = "[bold]a cup with :smile: and a long name"
+    facts = archive.upload(cup, name=name, tags=["cup"]).shape.facts
     archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
     done = run("query", cup, "--url", archive.url)
     assert done.status == 0
-    lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
-    assert lines[0] == ["rank", "name", "likeness", "tags", "cc", "ssd", "sim", "combined"]
-    assert lines[1][:9] == ["1", "[bold]the", "same", "Same", "part", "cup", "1.0000", "0.0000", "1.0000"]
+    lines = [re.split(" {2,}", line.strip()) for line in done.stdout.splitlines() if line.strip(" ─")]
+    scores = ["cc", "ssd", "sim", "combined"]
+    assert lines[0] == ["rank", "name", "likeness", *scores, "sides", "size over query", "tags"]
+    assert lines[1][:6] == ["1", name, "Same part", "1.0000", "0.0000", "1.0000"]
+    sides = " × ".join(f"{float(f'{side:.4g}'):g}" for side in facts.bounding_box)
+    assert lines[1][7:] == [sides, "1", "cup"]
     assert lines[2][:2] == ["2", "octopus.off"]
+    assert len(lines) == 3
     assert "2 of 2 stored shapes compared; sorted by combined" in done.stderr
     assert "embed" in done.stderr
 

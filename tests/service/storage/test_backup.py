@@ -289,11 +289,11 @@ def test_the_commands(archive: Path, target: Path, monkeypatch: pytest.MonkeyPat
     done = runner.invoke(app, ["backup", str(target)])
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("2 shapes on 2 files of ")
-    done = runner.invoke(app, ["restore", str(target)])
+    done = runner.invoke(app, ["recover", str(target)])
     assert done.exit_code == 1
     assert done.stderr == f"isoshape: {archive} is not empty\n"
     change(archive, "UPDATE shapes SET name = 'changed'")
-    assert runner.invoke(app, ["restore", str(target), "--force"]).exit_code == 0
+    assert runner.invoke(app, ["recover", str(target), "--force"]).exit_code == 0
     assert names(archive) == ["0", "1"]
     with sqlite3.connect(archive) as connection:
         assert connection.execute("PRAGMA integrity_check").fetchall() == [("ok",)]

@@ -167,7 +167,7 @@ def test_a_driver_that_is_not_installed_is_named(monkeypatch: pytest.MonkeyPatch
         Database("postgresql://localhost/archive", lock_seconds=1)
 
 
-@pytest.mark.parametrize("command", ["check", "backup", "restore"])
+@pytest.mark.parametrize("command", ["check", "backup", "recover"])
 def test_commands_for_a_file_say_what_to_use(
     tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -89,7 +89,7 @@ CHANGES = (
     Change("restore", restore),
     Change("job", job),
     Change("isoshape backup", command=("backup", "{}/backups/nightly.sqlite3", "--force")),
-    Change("isoshape restore", command=("restore", "{}/backups/weekly.sqlite3", "--force")),
+    Change("isoshape recover", command=("recover", "{}/backups/weekly.sqlite3", "--force")),
 )
 
 

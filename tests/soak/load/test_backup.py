@@ -62,7 +62,7 @@ def test_a_backup_made_under_load_gives_the_same_answers_elsewhere(tmp_path: Pat
         stop.set()
         for each in loads:
             each.result()
-        assert command(there, "restore", backup) == counts
+        assert command(there, "recover", backup) == counts
         with server(there) as (_, restored):
             page = restored.get("/shapes", params={"limit": 500, "tag": "load"}).json()
             present = {shape["id"] for shape in page["shapes"]}
