@@ -28,6 +28,7 @@ from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.shapes.facets import Facets
 from service.shapes.records import Sort
 from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Version
@@ -40,7 +41,7 @@ Compared = str | Path | tuple[str, bytes]
 
 
 class Filters(TypedDict, total=False):
-    """The filters of shapes: all of these tags, a text in the name, metadata, and ranges of sizes.
+    """The filters of shapes: all of these tags, a text in the name, metadata, a format, and ranges of sizes.
 
     `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
     ranges of the form min..max.
@@ -49,6 +50,7 @@ class Filters(TypedDict, total=False):
     tag: Sequence[str]
     name: str | None
     metadata: Conditions
+    file_format: str | None
     area: str | None
     volume: str | None
     length: str | None
@@ -103,6 +105,12 @@ def page(
 def shapes(*, sort: Sort = "oldest", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
     """Get all stored shapes that pass the filters, page by page."""
     return pages("/shapes", ShapePage, lambda answer: answer.shapes, sort=sort, **_filtered(filters))
+
+
+def facets(*, tag_text: str = "", limit: int = 100, **filters: Unpack[Filters]) -> Call[Facets]:
+    """Count the shapes that pass the filters, by tag, format, length and collection."""
+    params = _filtered(filters) | given(tag_text=tag_text or None, limit=limit)
+    return Call("GET", "/facets", parsed(Facets), params=params)
 
 
 def shape(shape_id: str) -> Call[Shape]:

@@ -85,6 +85,7 @@ class _Methods:
     upload = _once(calls.upload)
     page = _once(calls.page)
     shapes = _series(calls.shapes)
+    facets = _once(calls.facets)
     shape = _once(calls.shape)
     file = _once(calls.file)
     embedding = _once(calls.embedding)

@@ -1,3 +1,3 @@
 """Pictures of stored shapes over HTTP: ids and files in, thumbnails and GLB previews out."""
 
-__all__ = ["endpoints"]
+__all__ = ["endpoints", "thumbnails"]

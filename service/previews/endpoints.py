@@ -8,14 +8,13 @@ from core.io import format_of
 from service.collection import DEFAULT_COLLECTION, CollectionNumber
 from service.collections.endpoints import InCollection
 from service.container import Container, Service
-from service.errors import StorageFullError, StorageUnavailableError
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once
-from service.observability.logging import get_logger
+from service.previews.thumbnails import draw_stored, store
 from service.rendering import tasks
 from service.rendering.tasks import FACES, MEDIA_TYPE
-from service.rendering.thumbnail import DRAWING, draw
+from service.rendering.thumbnail import DRAWING
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import MeshUpload, ShapeId
@@ -24,8 +23,6 @@ from service.shapes.records import ShapeRecord
 from service.web.endpoints import page, viewing_page
 
 router = APIRouter(tags=["shapes"])
-
-log = get_logger("pictures")
 
 MESH = RequestBody(MeshUpload)
 
@@ -64,7 +61,7 @@ async def read_thumbnail(
 ) -> Response:
     """Return a picture of the shape, which is drawn once a size. z points up, in OBJ and GLB files y."""
     shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
-    headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
+    headers = validated(f"{shape.sha256[:32]}-{shape.format}-{size}-{DRAWING}")
     if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     data = await _thumbnail(request, container, collection.number, shape, int(size))
@@ -86,7 +83,7 @@ async def read_preview(
     node have `middle` and `half`.
     """
     shape = await container.database.reading(shapes_service.get, collection.number, shape_id)
-    headers = _headers(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
+    headers = validated(f"{shape.sha256[:32]}-{shape.format}-{FACES}-preview-1")
     if is_known(request.headers.get("If-None-Match"), headers["ETag"]):
         return Response(status_code=304, headers=headers)
     async with container.queue.admitted(request):
@@ -135,22 +132,14 @@ async def _thumbnail(
     request: Request, container: Container, collection: CollectionNumber, shape: ShapeRecord, size: int
 ) -> bytes:
     """Return the stored thumbnail of a shape. A missing one is drawn in a worker and stored."""
-    key = shape.sha256, shape.format, size, DRAWING
-    stored = await container.database.reading(file_repository.thumbnail, *key)
-    if stored is not None:
-        return stored
-
-    async def drawing() -> bytes:
-        data = await container.database.reading(file_repository.file_of, collection, shape.id)
-        mesh = await container.queue.read(data, shape.format)
-        return await container.queue.do(draw, mesh, shape.format, size)
-
+    key = shape.sha256, shape.format
+    stored = await container.database.reading(file_repository.thumbnails, [key], size, DRAWING)
+    if key in stored:
+        return stored[key]
     async with container.queue.admitted(request):
-        drawn = await while_connected(request, drawing())
-    try:
-        await container.database.writing(file_repository.store_thumbnail, *key, drawn)
-    except (StorageFullError, StorageUnavailableError) as error:
-        log.warning("a thumbnail was drawn but not stored: %s", error)
+        drawing = draw_stored(container, collection, shape.id, shape.format, size)
+        drawn = await while_connected(request, drawing)
+    await store(container, {key: drawn}, size)
     return drawn
 
 
@@ -160,6 +149,6 @@ async def _preview(container: Container, data: bytes, format: str) -> bytes:
     return await container.queue.do(tasks.preview, mesh, format, FACES)
 
 
-def _headers(tag: str) -> dict[str, str]:
+def validated(tag: str) -> dict[str, str]:
     """Return headers of a cached answer: the browser of one person keeps it, and validates it each time."""
     return {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache"}

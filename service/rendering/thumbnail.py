@@ -1,6 +1,6 @@
 """Pictures of meshes: the view, the rasteriser, thumbnails in one colour or coloured by points."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import BytesIO
 
 import numpy as np
@@ -175,7 +175,8 @@ def _rendered(mesh: Mesh, format: str, size: int, colour: Callable[[Ints, Floats
     colours = np.zeros((fine, fine, 4))
     colours[hit, :3] = _brightness(corners)[seen[hit], None] * colour(seen[hit], pixels, corners)
     colours[hit, 3] = 255.0
-    return _png(_downsampled(colours))
+    picture = Image.fromarray(np.rint(_downsampled(colours)).astype(np.uint8), "RGBA")
+    return _png(picture, compress_level=9)
 
 
 def _barycentric(corners: Floats, pixels: Floats) -> Floats:
@@ -206,11 +207,23 @@ def _downsampled(colours: Floats) -> Floats:
     return np.asarray(blocks)
 
 
-def _png(colours: Floats) -> bytes:
+def contact_sheet(pictures: Sequence[bytes | None], columns: int, side: int) -> bytes:
+    """Return one PNG of square pictures, `side` pixels wide, row by row in as many rows as columns.
+
+    The cell of a missing picture is transparent; without columns the sheet is one such pixel.
+    """
+    sheet = Image.new("RGBA", (columns * side or 1, columns * side or 1))
+    for i, picture in enumerate(pictures):
+        if picture is not None:
+            row, column = divmod(i, columns)
+            sheet.paste(Image.open(BytesIO(picture)).convert("RGBA"), (column * side, row * side))
+    return _png(sheet, compress_level=6)
+
+
+def _png(picture: Image.Image, compress_level: int) -> bytes:
     file = BytesIO()
     # A palette holds the shades of one colour without visible loss, in a third of the bytes.
-    picture = Image.fromarray(np.rint(colours).astype(np.uint8), "RGBA").quantize(
-        256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+    picture.quantize(256, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+        file, "PNG", compress_level=compress_level
     )
-    picture.save(file, "PNG", compress_level=9)
     return file.getvalue()

@@ -7,6 +7,7 @@ __all__ = [
     "compare_schemas",
     "endpoints",
     "likeness",
+    "map",
     "records",
     "repository",
     "schemas",

@@ -12,7 +12,6 @@ from starlette.concurrency import run_in_threadpool
 
 from core.ranking.likeness import may_be_pose
 from core.ranking.shortlist import spectral_distances
-from core.ranking.similarity_map import similarity_map
 from core.registration.rigid_copy import may_be_copy
 from service.collection import CollectionNumber
 from service.compute.request_queue import short_of_memory
@@ -26,9 +25,6 @@ from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
 from service.search.records import MatchedCandidates, Query, Surface, once, proportions_of
 from service.search.schemas import (
-    MOST_MAPPED,
-    MapAnswer,
-    MapShape,
     Pair,
     QueryAnswer,
     RankBy,
@@ -357,25 +353,3 @@ async def _unit_warnings(
         f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
         f"{nearest.shape.name!r} (cc {score_in_words(nearest.cc)}): the units of the files may differ"
     ]
-
-
-def similarity_map_of(
-    container: Container, shape_filter: ShapeFilter, active_pipeline: ActivePipeline
-) -> MapAnswer:
-    """Lay out the shapes that match a filter; of many, `MOST_MAPPED` are chosen evenly by age."""
-    with container.database.read() as session:
-        numbers = np.sort(np.array(shapes_repository.numbers(session, shape_filter), dtype=np.int64))
-        total = len(numbers)
-        if total > MOST_MAPPED:
-            numbers = numbers[np.arange(MOST_MAPPED) * total // MOST_MAPPED]
-        ids, names, signatures = repository.map_shapes(session, active_pipeline.fingerprint, numbers)
-    laid_out = similarity_map(signatures)
-    rows = zip(ids, names, laid_out.positions.tolist(), laid_out.cells.tolist(), strict=True)
-    return MapAnswer(
-        shapes=[
-            MapShape(id=id, name=name, x=x, y=y, column=column, row=row)
-            for id, name, (x, y), (column, row) in rows
-        ],
-        size=laid_out.size,
-        total=total,
-    )

@@ -3,7 +3,7 @@
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import AfterValidator, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
@@ -15,13 +15,14 @@ from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS,
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
+from service.previews.endpoints import KNOWN, validated
 from service.search.answer import (
     query_of_file,
     query_of_shape,
     search,
-    similarity_map_of,
     with_active_pipeline,
 )
+from service.search.map import map_sheet, similarity_map_of
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.endpoints import MeshUpload, ShapeId
 from service.shapes.fields import clean_id
@@ -112,21 +113,22 @@ async def similar(
     return await query(request, container, collection, options, StoredQuery(shape_id=shape_id))
 
 
+MISSING = "Isoshape-Missing"
+"""The header with the number of pictures that a sheet lacks."""
+
+
 class MapOptions(NamedInAddress, Filters):
     """The shapes of a map."""
+
+
+MAP_PROBLEMS = ("bad-request-fields", "busy", "shutting-down", "pipeline-unavailable", "storage-unavailable")
 
 
 @router.get(
     "/map",
     summary="Lay shapes out by similarity",
     dependencies=[once_each(MapOptions)],
-    responses=documented(
-        "bad-request-fields",
-        "busy",
-        "shutting-down",
-        "pipeline-unavailable",
-        "storage-unavailable",
-    ),
+    responses=documented(*MAP_PROBLEMS),
 )
 async def read_map(
     options: Annotated[MapOptions, Query()], request: Request, container: Service, collection: InCollection
@@ -143,3 +145,43 @@ async def read_map(
 
     async with container.queue.admitted(request):
         return await while_connected(request, with_active_pipeline(container, lay_out))
+
+
+@router.get(
+    "/map/thumbnails.png",
+    summary="Get the pictures of a map in one",
+    response_class=Response,
+    dependencies=[once_each(MapOptions)],
+    responses={
+        200: {
+            "description": "A picture on a transparent background. Its ETag is the `version` of the map, a "
+            "hyphen and the number of transparent cells.",
+            "headers": {
+                MISSING: {
+                    "description": "The number of pictures that are drawn by further requests.",
+                    "schema": {"type": "integer"},
+                }
+            },
+            "content": {"image/png": {"schema": {"type": "string", "contentMediaType": "image/png"}}},
+        },
+        **KNOWN,
+        **documented(*MAP_PROBLEMS),
+    },
+)
+async def read_map_thumbnails(
+    options: Annotated[MapOptions, Query()], request: Request, container: Service, collection: InCollection
+) -> Response:
+    """Return the thumbnails of the shapes of `GET /map` in one picture with `size` columns and rows.
+
+    They stand row by row in the order of the list: the picture of the shape i is in the column i mod `size`
+    and the row i / `size`. Pictures that nobody has asked for before are drawn, for about two seconds.
+    """
+    shape_filter = options.filtered(collection.number)
+    known = (request.headers.get("If-None-Match") or "").strip().strip('"')
+    async with container.queue.admitted(request):
+        draw = partial(map_sheet, container, shape_filter, known)
+        png, tag, missing = await while_connected(request, with_active_pipeline(container, draw))
+    headers = {**validated(tag), MISSING: str(missing)}
+    if png is None:
+        return Response(status_code=304, headers=headers)
+    return Response(png, media_type="image/png", headers=headers)

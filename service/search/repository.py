@@ -4,6 +4,7 @@ PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.stora
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ from service.collection import CollectionNumber
 from service.index.cache import FIRST, PRIME, SAMPLE, SECOND
 from service.index.repository import ENTRIES, OF_SHAPE, IndexEntries, entries_of, stacked
 from service.observability.logging import get_logger
-from service.shapes.records import ShapeFilter
+from service.shapes.records import FileKey, ShapeFilter
 from service.shapes.repository import matching
 from service.storage.checksums import is_whole
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
@@ -102,16 +103,31 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
     return list(session.scalars(query.where(BlobRow.sha256 == sha256, in_collection, NOT_DELETED)))
 
 
-def map_shapes(
-    session: ReadSession, fingerprint: str, numbers: Ints
-) -> tuple[Sequence[str], Sequence[str], Float32s]:
-    """Return the ids, names and signatures, shape (n, s), of the shapes that a pipeline has embedded."""
-    query = ENTRIES.with_only_columns(ShapeRow.id, ShapeRow.name, CoarseSamplesRow.signature).where(
-        ShapeRow.number.in_(numbers.tolist()), EmbeddingRow.fingerprint == fingerprint
+@dataclass(frozen=True, eq=False)
+class MappedShapes:
+    """The ids, names, files and signatures, shape (n, s), of the n shapes of a map."""
+
+    ids: Sequence[str]
+    names: Sequence[str]
+    files: Sequence[FileKey]
+    signatures: Float32s
+
+
+def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MappedShapes:
+    """Return those of some shapes that a pipeline has embedded, the oldest first."""
+    columns = (ShapeRow.id, ShapeRow.name, BlobRow.sha256, ShapeRow.format, CoarseSamplesRow.signature)
+    query = (
+        ENTRIES.with_only_columns(*columns)
+        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+        .where(ShapeRow.number.in_(numbers.tolist()), EmbeddingRow.fingerprint == fingerprint)
     )
     rows = session.execute(query.order_by(ShapeRow.number)).all()
-    ids, names, signatures = zip(*rows, strict=True) if rows else ((), (), ())
-    return ids, names, stacked(signatures).view("<f4")
+    return MappedShapes(
+        ids=[row[0] for row in rows],
+        names=[row[1] for row in rows],
+        files=[(row[2], row[3]) for row in rows],
+        signatures=stacked([row[4] for row in rows]).view("<f4"),
+    )
 
 
 def nearest(

@@ -344,6 +344,7 @@ class MapAnswer(BaseModel):
         description="The number of shapes that pass the filter. The map has at most "
         f"{MOST_MAPPED:,} of them, chosen evenly by age."
     )
+    version: str = Field(description="Names the pictures of GET /map/thumbnails.png, and their order.")
 
 
 def pairs(match: "Match", first: "Embedding", second: "Embedding") -> list[Pair]:

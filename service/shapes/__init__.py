@@ -2,6 +2,8 @@
 
 __all__ = [
     "endpoints",
+    "facet_repository",
+    "facets",
     "fields",
     "file_endpoints",
     "file_repository",

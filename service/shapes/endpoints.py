@@ -15,10 +15,11 @@ from pydantic import (
 )
 
 from core.io import FORMATS, format_of
+from service.auth.keys import Grant
 from service.collections.endpoints import InCollection, NamedInAddress, address
 from service.container import Container, Service
 from service.http.idempotency import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
-from service.http.middleware import KEY_IN_SCOPE, while_connected
+from service.http.middleware import GRANT_IN_SCOPE, KEY_IN_SCOPE, while_connected
 from service.http.problems import (
     FILE_PROBLEMS,
     IDEMPOTENCY_PROBLEMS,
@@ -27,11 +28,13 @@ from service.http.problems import (
     documented,
 )
 from service.http.request_bodies import FILE, RequestBody, once, once_each
-from service.shapes import service
+from service.shapes import facet_repository, service
+from service.shapes.facets import Facets
 from service.shapes.fields import (
     METADATA_BYTES,
     METADATA_DEPTH,
     METADATA_KEYS,
+    TAG_CHARACTERS,
     TAGS,
     ListedTags,
     Metadata,
@@ -186,6 +189,17 @@ class ShapeListing(PageOptions, Filters):
     )
 
 
+class FacetOptions(NamedInAddress, Filters):
+    """The shapes to count, and the tags."""
+
+    tag_text: str = Field(
+        default="",
+        max_length=TAG_CHARACTERS,
+        description="Count only tags that contain this text; upper and lower case are equal.",
+    )
+    limit: int = Field(default=100, ge=1, le=1000, description="The largest number of tags.")
+
+
 class DeletedListing(PageOptions):
     """A page of deleted shapes."""
 
@@ -267,6 +281,29 @@ def list_shapes(
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
         return service.list_page(session, wanted, after=after, limit=listing.limit, sort=listing.sort)
+
+
+@router.get(
+    "/facets",
+    summary="Count shapes",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(FacetOptions)],
+)
+def read_facets(
+    options: Annotated[FacetOptions, Query()],
+    request: Request,
+    container: Service,
+    collection: InCollection,
+) -> Facets:
+    """Return how many of the shapes that pass the filter have each tag, format and length.
+
+    With `tag_text`, the tags complete what somebody writes.
+    """
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    names = None if grant is None else grant.collections
+    wanted = options.filtered(collection.number)
+    with container.database.read() as session:
+        return facet_repository.facets(session, wanted, names, options.tag_text, options.limit)
 
 
 @router.get(

@@ -1,5 +1,6 @@
 """The SQL of files: their bytes, embeddings and thumbnails."""
 
+from collections.abc import Collection
 from typing import Any
 
 from sqlalchemy import Row, ScalarSelect, select
@@ -9,6 +10,7 @@ from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.index.repository import OF_SHAPE
+from service.shapes.records import FileKey
 from service.storage.checksums import checksum_of, is_whole, whole_file
 from service.storage.database import ReadSession, WriteSession
 from service.storage.postgresql import ensure_hnsw
@@ -153,19 +155,20 @@ def facts_on(session: ReadSession, blob_number: int, format: str) -> dict[str, A
     )
 
 
-def thumbnail(session: ReadSession, sha256: str, format: str, size: int, drawing: int) -> bytes | None:
-    """Return the stored thumbnail of a file by one version of the renderer; None for a damaged one."""
-    row = session.execute(
-        select(ThumbnailRow.data, ThumbnailRow.checksum)
+def thumbnails(
+    session: ReadSession, files: Collection[FileKey], size: int, drawing: int
+) -> dict[FileKey, bytes]:
+    """Return those stored thumbnails of files that one version of the renderer drew and that are whole."""
+    rows = session.execute(
+        select(BlobRow.sha256, ThumbnailRow.format, ThumbnailRow.data, ThumbnailRow.checksum)
         .join(BlobRow, BlobRow.number == ThumbnailRow.blob_number)
         .where(
-            BlobRow.sha256 == sha256,
-            ThumbnailRow.format == format,
+            BlobRow.sha256.in_({sha256 for sha256, _ in files}),
             ThumbnailRow.size == size,
             ThumbnailRow.drawing == drawing,
         )
-    ).one_or_none()
-    return row.data if row is not None and is_whole(row.data, row.checksum) else None
+    )
+    return {(row.sha256, row.format): row.data for row in rows if is_whole(row.data, row.checksum)}
 
 
 def store_thumbnail(

@@ -82,14 +82,16 @@ class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 
     A shape that passes has each of `tags`, a name that contains `name` in any case, the keys and values of
-    `metadata`, and none of the ids `excluded`. Its surface area, volume and largest extent of the bounding
-    box, in units of the file, are in the ranges `area`, `volume` and `length`. Open surfaces have no volume.
+    `metadata`, a file of the format `file_format`, and none of the ids `excluded`. Its surface area, volume
+    and largest extent of the bounding box, in units of the file, are in the ranges `area`, `volume` and
+    `length`. Open surfaces have no volume.
     """
 
     collection: CollectionNumber
     tags: tuple[str, ...] = ()
     name: str | None = None
     metadata: tuple[tuple[str, str], ...] = ()
+    file_format: str | None = None
     excluded: tuple[str, ...] = ()
     area: Range | None = None
     volume: Range | None = None

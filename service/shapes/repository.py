@@ -5,7 +5,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, case, delete, func, literal, or_, select, tuple_, update
+from sqlalchemy import (
+    ColumnElement,
+    Select,
+    and_,
+    case,
+    delete,
+    func,
+    literal,
+    or_,
+    select,
+    true,
+    tuple_,
+    update,
+)
 
 from service.collection import CollectionNumber
 from service.errors import IdempotencyKeyReusedError
@@ -39,29 +52,38 @@ from service.storage.tables import (
     TagRow,
 )
 
-_LENGTH = ShapeRow.facts[("bounding_box", 0)].as_float()
+LENGTH = ShapeRow.facts[("bounding_box", 0)].as_float()
+"""The largest side of the bounding box."""
 
 
 def matching(shapes: ShapeFilter) -> Select[int]:
     """Return a query of the numbers of the shapes that match a filter."""
-    query = select(ShapeRow.number).where(ShapeRow.collection_number == shapes.collection, NOT_DELETED)
+    in_collection = ShapeRow.collection_number == shapes.collection
+    return select(ShapeRow.number).where(in_collection, NOT_DELETED, conditions(shapes))
+
+
+def conditions(shapes: ShapeFilter) -> ColumnElement[bool]:
+    """Return the condition that a shape of any collection, deleted or not, matches the rest of a filter."""
+    required: list[ColumnElement[bool]] = [true()]
     for tag in shapes.tags:
-        query = query.where(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
+        required.append(ShapeRow.number.in_(select(TagRow.shape_number).where(TagRow.tag == tag)))
     for key, value in shapes.metadata:
         same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
-        query = query.where(ShapeRow.number.in_(same))
+        required.append(ShapeRow.number.in_(same))
     if shapes.name:
-        query = query.where(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+        required.append(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
+    if shapes.file_format is not None:
+        required.append(ShapeRow.format == shapes.file_format)
     if shapes.excluded:
-        query = query.where(ShapeRow.id.not_in(shapes.excluded))
+        required.append(ShapeRow.id.not_in(shapes.excluded))
     if shapes.area is not None:
-        query = query.where(ShapeRow.facts["area"].as_float().between(*shapes.area))
+        required.append(ShapeRow.facts["area"].as_float().between(*shapes.area))
     if shapes.volume is not None:
-        closed = ShapeRow.facts["boundary_edges"].as_integer() == 0
-        query = query.where(closed, ShapeRow.facts["volume"].as_float().between(*shapes.volume))
+        required.append(ShapeRow.facts["boundary_edges"].as_integer() == 0)
+        required.append(ShapeRow.facts["volume"].as_float().between(*shapes.volume))
     if shapes.length is not None:
-        query = query.where(_LENGTH.between(*shapes.length))
-    return query
+        required.append(LENGTH.between(*shapes.length))
+    return and_(*required)
 
 
 def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:

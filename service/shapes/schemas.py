@@ -47,6 +47,12 @@ SizeRange = Annotated[
 ]
 
 
+def _known_format(name: str) -> str:
+    if name not in FORMATS:
+        raise ValueError(f"must be one of {', '.join(sorted(FORMATS))}")
+    return name
+
+
 class Filters(BaseModel):
     """Conditions on shapes; a shape must satisfy all of them."""
 
@@ -74,6 +80,12 @@ class Filters(BaseModel):
         description="Only shapes with this entry in their metadata, as key=value; with all entries, if "
         "repeated. Values other than text are written as JSON.",
         examples=[["source=scan"]],
+    )
+    file_format: Annotated[str, AfterValidator(_known_format)] | None = Field(
+        default=None,
+        description="Only shapes whose file has this format, named as in the `format` of a shape.",
+        examples=["stl"],
+        json_schema_extra={"enum": [*sorted(FORMATS)]},
     )
     area: SizeRange | None = Field(
         default=None,
@@ -110,7 +122,9 @@ class Filters(BaseModel):
             metadata.append((key, value))
         sizes = {"area": self.area, "volume": self.volume, "length": self.length}
         ranges: dict[str, Any] = {name: range_of(text) for name, text in sizes.items() if text is not None}
-        return ShapeFilter(collection, tuple(self.tag), self.name, tuple(metadata), **ranges)
+        return ShapeFilter(
+            collection, tuple(self.tag), self.name, tuple(metadata), self.file_format, **ranges
+        )
 
 
 class Page(BaseModel):

@@ -17,7 +17,7 @@ from tests.service.cli.awaited import Awaited
 
 DOCUMENT = openapi_document()
 FILE = ("bird.off", b"OFF")
-SIZES = {"area": "1..2", "volume": "..3", "length": "4.."}
+SIZES = {"area": "1..2", "volume": "..3", "length": "4..", "file_format": "off"}
 LISTED = {"tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
 SEARCH = {
     "top_k": 2,
@@ -42,6 +42,12 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("upload", (FILE,), {**STORED, "split": "parts"}, "POST /shapes"),
     ("page", (), {**LISTED, "limit": 7, "cursor": "c"}, "GET /shapes"),
     ("shapes", (), LISTED, "GET /shapes"),
+    (
+        "facets",
+        (),
+        {"tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES, "tag_text": "a", "limit": 7},
+        "GET /facets",
+    ),
     ("shape", ("id",), {}, "GET /shapes/{shape_id}"),
     ("file", ("id",), {"format": "stl"}, "GET /shapes/{shape_id}/file"),
     ("embedding", ("id",), {}, "GET /shapes/{shape_id}/embedding"),
@@ -94,6 +100,7 @@ NOT_CALLED = {
     "POST /session",
     "DELETE /session",
     "GET /shapes/{shape_id}/view",
+    "GET /map/thumbnails.png",
     "GET /jobs/{job_id}/events",
 }
 # Forms that are not models, and an answer that is kept for who sends again without knowing what became of it.

@@ -48,6 +48,8 @@ def test_a_key_sees_its_collections(running: Running, key: str, listed: list[str
     with client_of(running, key) as client:
         found = [one["name"] for one in client.get("/collections").json()["collections"]]
         assert found == listed
+        counts = client.get("/facets", params={PARAMETER: listed[0]}).json()["collections"]
+        assert counts == [{"value": name, "count": int(name != "default")} for name in listed]
         for name in ("a", "b", "default", "no-such", ""):
             answer = client.get("/shapes", params={PARAMETER: name})
             if name in listed:

@@ -42,6 +42,8 @@ FILTERS: list[tuple[dict[str, Any], set[str]]] = [
     ({"metadata": ["ratio=0.5"]}, {"chair"}),
     ({"metadata": ["formula=a=b"]}, {"bird"}),
     ({"metadata": ["source=SCAN"]}, set()),
+    ({"file_format": "stl"}, set()),
+    ({"file_format": "off", "tag": "animal"}, {"Äpfel 100%", "bird"}),
     ({"metadata": ["source=scan"], "tag": "animal", "name": "i"}, {"bird"}),
 ]
 
