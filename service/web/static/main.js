@@ -111,17 +111,13 @@ async function offerFormats() {
   }
 }
 
-/** @param {Session} own */
+/** Show the page once all of it knows what the key allows. @param {Session} own */
 async function enter(own) {
-  const may = own.access !== "none";
-  form.hidden = may;
-  content.hidden = views.hidden = !may;
-  signOutButton.hidden = !own.signed_in;
   const full = own.access === "full";
-  for (const part of document.querySelectorAll("[data-needs=full]")) {
-    /** @type {HTMLElement} */ (part).hidden = !full;
+  if (own.access === "none") {
+    form.hidden = false;
+    return key.focus();
   }
-  if (!may) return key.focus();
   // Until there is an answer, the choice shows all files.
   offerFormats().catch((error) => showError(errorBox, error));
   if (await openCollections()) return;
@@ -129,9 +125,15 @@ async function enter(own) {
   allowDeletions(full);
   // First, because the deletion dialog says how long a shape can be restored.
   if (full) await openDeleted(() => (shownView() === "duplicates" ? show() : reload()));
+  for (const part of document.querySelectorAll("[data-needs=full]")) {
+    /** @type {HTMLElement} */ (part).hidden = !full;
+  }
+  form.hidden = true;
+  content.hidden = views.hidden = false;
+  signOutButton.hidden = !own.signed_in;
   moved.addEventListener("moved", show);
   show();
-  if (full) await openJobs();
+  if (full) openJobs().catch((error) => showError(errorBox, error));
 }
 
 /** The view of the address, or the first one. */
@@ -175,7 +177,8 @@ byId("sign-in-form", HTMLFormElement).addEventListener("submit", async (event) =
     key.value = "";
     showError(place);
     await enter(own);
-    byId("main", HTMLElement).focus();
+    // A scroll would close a menu that is open by now.
+    byId("main", HTMLElement).focus({ preventScroll: true });
   } catch (error) {
     showError(place, error);
   }

@@ -95,6 +95,17 @@ def visiting(browser: Browser, running: Running, **options: Any) -> Iterator[Vis
     assert not wrong, wrong
 
 
+def held_back(page: Page, where: str) -> list[Route]:
+    """The requests to an address, none of which goes on by itself."""
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        held.append(route)
+
+    page.route(where, hold)
+    return held
+
+
 def drawn(page: Page, count: int) -> None:
     """Wait until so many shapes are drawn."""
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(count)
