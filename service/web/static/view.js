@@ -11,7 +11,9 @@ import { readGlb } from "./glb.js";
 const cards = byId("cards", HTMLUListElement);
 const title = byId("title", HTMLElement);
 const { first, second } = byId("main", HTMLElement).dataset;
-byId("all", HTMLAnchorElement).href = address("");
+for (const link of document.querySelectorAll("a[data-view]")) {
+  /** @type {HTMLAnchorElement} */ (link).href = address("", { view: link.getAttribute("data-view") ?? "" });
+}
 
 /** @param {string} id @returns {Promise<Shape>} */
 const read = async (id) => (await ask(address(`shapes/${id}`))).json();

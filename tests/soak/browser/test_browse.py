@@ -72,8 +72,8 @@ def test_a_shape_is_downloaded_opened_and_shown_alone(visit: Visit) -> None:
     page.wait_for_selector("#cards canvas[data-drawn]")
     assert page.title() == page.inner_text("#title") == "fish-2.ply"
     assert "vertices" in page.inner_text("#cards")
-    page.get_by_role("link", name="All shapes").click()
-    page.wait_for_selector("#start-shapes li")
+    page.get_by_role("link", name="Browse", exact=True).click()
+    page.wait_for_selector("#gallery li")
 
 
 def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:

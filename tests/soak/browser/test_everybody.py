@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.soak.browser.support import PHONE, Visit, box_of, drawn, file_in, next_frame, serious
+from tests.service.support import Running
+from tests.soak.browser.support import PHONE, Visit, box_of, drawn, file_in, next_frame, serious, stored
 
 
 def tab_to(page: Page, selector: str, most: int = 80) -> None:
@@ -100,6 +101,42 @@ def test_a_phone_shows_large_pictures_and_buttons(visit: Visit, tmp_path: Path) 
     visit.open("browse")
     # Fingers need some room.
     assert all(box_of(button)["height"] >= 36 for button in page.locator("#gallery .buttons > *").all())
+    assert serious(page) == []
+
+
+@pytest.mark.parametrize(
+    "visit", [{"viewport": {"width": 1280, "height": 800}, "color_scheme": "dark"}], indirect=True
+)
+def test_the_results_of_a_query_are_on_the_first_screen(visit: Visit, tmp_path: Path) -> None:
+    page = visit.find(file_in(tmp_path))
+    assert page.evaluate("scrollY") == 0
+    # The pictures and the words below them, of the query and of all three results.
+    for shown in page.locator("#cards canvas, #cards .likeness").all():
+        box = box_of(shown)
+        assert box["y"] + box["height"] <= 800
+
+
+@pytest.mark.parametrize("visit", [{**PHONE, "viewport": {"width": 390, "height": 844}}], indirect=True)
+def test_a_phone_has_one_line_of_header(visit: Visit, service: Running) -> None:
+    service.client.put("/collections/castings")
+    page = visit.open()
+    assert box_of(page.locator("header"))["height"] <= 60
+    rows = {round(box_of(link)["y"]) for link in page.locator("#views a").all()}
+    assert len(rows) == 1
+    assert page.evaluate(
+        "document.getElementById('views').scrollWidth <= document.getElementById('views').clientWidth"
+    )
+    # What has no room there is one touch away.
+    assert page.get_by_label("Collection").is_hidden()
+    page.get_by_role("button", name="Site menu").click()
+    assert serious(page) == []
+    page.get_by_label("Collection").select_option("castings")
+    page.wait_for_url("**/?view=find&collection=castings")
+    service.client.delete("/collections/castings")
+    shape = stored(service)[0]
+    page.goto(f"{visit.here}/shapes/{shape['id']}/view")
+    page.wait_for_selector("#cards canvas[data-drawn]")
+    assert box_of(page.locator("header"))["height"] <= 60
     assert serious(page) == []
 
 

@@ -103,12 +103,16 @@ def test_a_comparison_as_a_page(visit: Visit, service: Running) -> None:
     assert page.inner_text("#title") == f"{shapes[0]['name']} and {shapes[1]['name']}"
     page.locator("#cards summary").click()
     assert "CC" in page.inner_text("#cards")
+    page.get_by_role("link", name="Map", exact=True).click()
+    page.wait_for_selector("#map li")
 
 
 def test_the_documentation_is_drawn(visit: Visit) -> None:
     visit.page.goto(f"{visit.here}/docs")
     visit.page.wait_for_selector(".opblock")
     assert visit.page.locator(".opblock").count() > 10
+    visit.page.get_by_role("link", name="Browse", exact=True).click()
+    visit.page.wait_for_selector("#gallery li")
 
 
 @pytest.fixture(scope="module")
@@ -289,7 +293,7 @@ def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, service: 
         page.wait_for_url("**/view?collection=castings")
         expect(page.locator("#title")).to_have_text("cast-4.ply")
         expect(page.locator("#cards canvas[data-drawn]")).to_have_count(1)
-        page.get_by_role("link", name="All shapes").click()
+        page.get_by_role("link", name="Find", exact=True).click()
         page.wait_for_url("**/?collection=castings")
         expect(page.locator("#start-shapes li")).to_have_count(2)
         other.clear()
