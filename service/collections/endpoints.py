@@ -13,6 +13,7 @@ from service.errors import BadRequestFieldsError, FieldFault, ForbiddenError
 from service.http.middleware import COLLECTION_IN_SCOPE, GRANT_IN_SCOPE
 from service.http.problems import documented
 from service.http.request_bodies import once
+from service.storage.database import ReadSession
 
 HEADER, PARAMETER = "Isoshape-Collection", "collection"
 
@@ -96,6 +97,18 @@ def allowed(limits: frozenset[str] | None, named: str | None) -> str:
         )
     (only,) = limits
     return only
+
+
+def named_too(session: ReadSession, request: Request, name: str) -> CollectionRecord:
+    """Return a collection that a request names beside its own.
+
+    Raises
+    ------
+    CollectionNotFoundError, ForbiddenError
+        There is none of the name, or the key may not use it.
+    """
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    return repository.get(session, allowed(None if grant is None else grant.collections, name))
 
 
 def address(path: str, collection: CollectionRecord) -> str:

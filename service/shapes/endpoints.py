@@ -16,7 +16,7 @@ from pydantic import (
 
 from core.io import FORMATS, format_of
 from service.auth.keys import Grant
-from service.collections.endpoints import InCollection, NamedInAddress, address
+from service.collections.endpoints import InCollection, NamedInAddress, address, named_too
 from service.container import Container, Service
 from service.http.idempotency import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
 from service.http.middleware import GRANT_IN_SCOPE, KEY_IN_SCOPE, while_connected
@@ -321,11 +321,15 @@ def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) 
     responses=documented("bad-request", "shape-not-found", "name-taken", "body-too-large", *WRITE_PROBLEMS),
 )
 def change_shape(
-    shape_id: ShapeId, changes: ShapeChanges, container: Service, collection: InCollection
+    shape_id: ShapeId, changes: ShapeChanges, request: Request, container: Service, collection: InCollection
 ) -> Shape:
-    """Change name, tags or metadata. A given field replaces the old value whole."""
+    """Change name, tags or metadata, or move the shape to another collection.
+
+    A given field replaces the old value whole.
+    """
     with container.database.write() as session:
-        return Shape.of(service.change(session, collection.number, shape_id, changes))
+        target = named_too(session, request, changes.collection or collection.name)
+        return Shape.of(service.change(session, collection.number, shape_id, changes, target.number))
 
 
 @router.delete(

@@ -297,6 +297,24 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
     drop_unused(session, replaced)
 
 
+def move_shape(session: WriteSession, record: ShapeRecord, collection: CollectionNumber, name: str) -> None:
+    """Move a shape to another collection, where it has a name and another number.
+
+    What is kept by its old number goes, in the database and in the memory of every process.
+    """
+    columns = select(ShapeRow.__table__).where(ShapeRow.number == record.number)
+    row = dict(session.execute(columns).mappings().one())
+    del row["number"]
+    # Both rows are there for a moment, so that the file stays, and ids are unique.
+    row |= {"id": str(uuid.uuid4()), "collection_number": collection, "revision": next_revision(session)}
+    row |= {"name": name, "folded_name": name.casefold()}
+    number = session.insert(ShapeRow, row)
+    _write_tags(session, number, record.tags)
+    _write_plain_values(session, number, record.metadata)
+    erase_shape(session, record)
+    _update(session, number, {**_updated_now(), "id": record.id})
+
+
 def delete_shape(session: WriteSession, record: ShapeRecord) -> None:
     """Delete a shape, which keeps its number, file and embeddings until it is restored or erased."""
     _leave(session, record)

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
 from core.io import FORMATS
 from core.parameters import INCOMPLETE
-from service.collection import CollectionNumber
+from service.collection import NAME, CollectionNumber
 from service.errors import BadRequestFieldsError, FieldFault
 from service.shapes.fields import ListedTags, Metadata, Name, Tags, clean_text, storable_text
 from service.shapes.records import Position, Range, ShapeFilter, ShapeRecord, Sort, StoredShape
@@ -372,6 +372,11 @@ class ShapeChanges(BaseModel):
     name: Name | None = None
     tags: Tags | None = None
     metadata: Metadata | None = None
+    collection: str | None = Field(
+        default=None,
+        description="Move the shape, which keeps its id, to this collection. The key must allow both.",
+        json_schema_extra={"pattern": f"^{NAME}$"},
+    )
 
 
 class SpectrumArrays(BaseModel):

@@ -229,25 +229,31 @@ def get(
 
 
 def change(
-    session: WriteSession, collection: CollectionNumber, shape_id: str, changes: ShapeChanges
+    session: WriteSession,
+    collection: CollectionNumber,
+    shape_id: str,
+    changes: ShapeChanges,
+    target: CollectionNumber,
 ) -> ShapeRecord:
-    """Change the name, tags or metadata of a shape.
+    """Change the name, tags or metadata of a shape, and move it to the collection `target`.
 
     Raises
     ------
     NameTakenError
-        Another shape of the collection has the new name and the same file.
+        Another shape of the target has the name and the same file.
     """
     record = get(session, collection, shape_id)
-    values = changes.model_dump(exclude_none=True)
-    if not values:
-        return record
-    if changes.name is not None:
-        holder = repository.same(session, collection, record, changes.name)
-        if holder is not None and holder.id != shape_id:
-            raise NameTakenError(f"another shape with the same file has the name {changes.name!r}")
-    repository.change(session, record.number, values)
-    return get(session, collection, shape_id)
+    name = record.name if changes.name is None else changes.name
+    holder = repository.same(session, target, record, name)
+    if holder is not None and holder.id != shape_id:
+        raise NameTakenError(f"another shape with the same file has the name {name!r}")
+    if target != collection:
+        repository.move_shape(session, record, target, name)
+        record = get(session, target, shape_id)
+    values = changes.model_dump(exclude_none=True, exclude={"collection"})
+    if values:
+        repository.change(session, record.number, values)
+    return get(session, target, shape_id)
 
 
 def delete(session: WriteSession, collection: CollectionNumber, shape_id: str, keep: timedelta) -> None:

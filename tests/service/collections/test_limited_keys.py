@@ -86,6 +86,19 @@ def test_a_limited_key_changes_no_collection_and_sees_nothing_of_the_whole(runni
         assert_problem(sent, 403, "forbidden")
 
 
+def test_a_shape_moves_between_collections_of_its_key_only(running: Running) -> None:
+    with client_of(running, ONE) as one, client_of(running, TWO) as two:
+        (shape,) = one.get("/shapes").json()["shapes"]
+        address = f"/shapes/{shape['id']}"
+        for name in ("b", "default", "never-made"):
+            assert_problem(one.patch(address, json={"collection": name}), 403, "forbidden")
+        assert names(one) == ["in-a.off"]
+        for own, other in (("a", "b"), ("b", "a")):
+            moved = two.patch(address, params={PARAMETER: own}, json={"collection": other})
+            assert moved.status_code == 200, moved.text
+        assert names(one) == ["in-a.off"]
+
+
 def test_a_signed_in_browser_has_the_limits_of_its_key(running: Running) -> None:
     with httpx.Client(base_url=running.client.base_url, timeout=60) as browser:
         assert browser.post("/session", headers={"x-api-key": ONE}).json()["signed_in"]
