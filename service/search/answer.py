@@ -37,7 +37,7 @@ from service.search.scoring import Cascade, class_log_odds, find_candidates, nea
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
-from service.shapes.schemas import EmbeddingArrays, Shape, warnings_of
+from service.shapes.schemas import EmbeddingArrays, MeasuredMesh, Shape, warnings_of
 from service.storage.database import ReadSession
 
 UNITS = (10.0, 25.4, 1000.0)
@@ -98,6 +98,7 @@ async def query_of_file(
     return Query(
         embedded.record,
         once(partial(container.queue.read, data, format)),
+        measured=MeasuredMesh.in_format(embedded.facts, format),
         active_pipeline=active_pipeline,
         excluded=frozenset(same_bytes),
         warnings=tuple(embedded.facts["warnings"]),
@@ -126,6 +127,7 @@ async def query_of_shape(
     return Query(
         stored.record,
         once(partial(stored_mesh, container, collection, shape_id)),
+        measured=MeasuredMesh.in_format(stored.facts, stored.format),
         active_pipeline=active_pipeline,
         excluded=frozenset([stored.shape] if exclude_self else []),
         number=stored.number,
@@ -192,7 +194,9 @@ async def search(
         with timings.stage("units"):
             warnings += await _unit_warnings(container, query, options, sized)
     threshold = active_pipeline.pipeline.parameters.ranking.match_threshold
+    assert query.measured is not None
     return QueryAnswer(
+        query=query.measured,
         results=results,
         matched=bool(len(matched.cc) and matched.cc.max() >= threshold),
         compared=compared,

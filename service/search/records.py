@@ -19,6 +19,7 @@ from core.serialization import embedding_from_bytes
 from service.index.cache import CollectionSample
 from service.index.repository import IndexEntries
 from service.pipelines.active import ActivePipeline
+from service.shapes.schemas import MeasuredMesh
 
 ReadMesh = Callable[[], Awaitable[Mesh]]
 
@@ -65,12 +66,14 @@ def once(read: ReadMesh) -> ReadMesh:
 class Query(Surface):
     """The surface that is searched for, and the pipeline that embedded it.
 
-    `excluded` has the numbers of the stored shapes that are left out: the query itself. `number` is that of
-    the embedding, if it is stored, and `warnings` those of the reader of a file.
+    `excluded` has the numbers of the stored shapes that are left out: the query itself. `measured` is what
+    an answer says of the query, `number` that of the embedding, if it is stored, and `warnings` those of the
+    reader of a file.
     """
 
     active_pipeline: ActivePipeline
     excluded: frozenset[int]
+    measured: MeasuredMesh | None = None
     number: int | None = None
     warnings: tuple[str, ...] = ()
 

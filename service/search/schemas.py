@@ -13,7 +13,7 @@ from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, L
 from service.collection import CollectionNumber
 from service.shapes.fields import clean_id, split_tags
 from service.shapes.records import ShapeFilter
-from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, Shape
+from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh, Shape
 
 if TYPE_CHECKING:
     from core.embedding import Embedding, Match
@@ -295,6 +295,7 @@ class QueryAnswer(BaseModel):
     model_config = ConfigDict(
         json_schema_extra={
             "example": {
+                "query": {"facts": SHAPE["facts"], "unit": ""},
                 "results": [RESULT],
                 "matched": True,
                 "compared": 190,
@@ -305,6 +306,7 @@ class QueryAnswer(BaseModel):
         }
     )
 
+    query: MeasuredMesh
     results: list[Result]
     matched: bool = Field(
         description="Whether the highest cc reaches the threshold of the pipeline, 0.98 in the default "

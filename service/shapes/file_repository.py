@@ -50,8 +50,10 @@ def file_of(
 
 def embedding_of(
     session: ReadSession, fingerprint: str, collection: CollectionNumber, shape_id: str
-) -> Row[int, int | None, bytes, str]:
-    """Return the embedding of a shape by one pipeline: number of the `shape`, own `number`, and `record`.
+) -> Row[int, str, dict[str, Any], int | None, bytes, str]:
+    """Return the embedding of a shape by one pipeline, its own `number` and `record`, with the shape.
+
+    The row has the number of the `shape`, and its `format` and `facts`.
 
     Raises
     ------
@@ -64,7 +66,12 @@ def embedding_of(
     """
     row = session.execute(
         select(
-            ShapeRow.number.label("shape"), EmbeddingRow.number, EmbeddingRow.record, EmbeddingRow.checksum
+            ShapeRow.number.label("shape"),
+            ShapeRow.format,
+            ShapeRow.facts,
+            EmbeddingRow.number,
+            EmbeddingRow.record,
+            EmbeddingRow.checksum,
         )
         .select_from(ShapeRow)
         .outerjoin(EmbeddingRow, is_its_embedding(fingerprint))

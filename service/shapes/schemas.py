@@ -4,7 +4,7 @@ import base64
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -245,6 +245,23 @@ class MeshFacts(BaseModel):
     )
 
 
+class MeasuredMesh(BaseModel):
+    """A mesh by its measures."""
+
+    facts: MeshFacts
+    unit: Literal["mm", ""] = Field(
+        default="",
+        description="The unit of the lengths in `facts`: the millimetre for files of formats that state one, "
+        "whatever it is; empty where it is not stated.",
+    )
+
+    @classmethod
+    def in_format(cls, facts: Mapping[str, Any], format: str) -> "MeasuredMesh":
+        """Return the JSON of the facts of a file of a format, as they are stored."""
+        shown = {**facts, "closed": facts["boundary_edges"] == 0}
+        return cls.model_validate({"facts": shown, "unit": FORMATS[format].unit})
+
+
 class FileAndFields(BaseModel):
     """The file of a shape and its fields."""
 
@@ -258,17 +275,11 @@ class FileAndFields(BaseModel):
     created_at: datetime = Field(description="UTC.")
 
 
-class Shape(FileAndFields):
+class Shape(MeasuredMesh, FileAndFields):
     """A stored shape."""
 
     model_config = ConfigDict(json_schema_extra={"example": SHAPE})
 
-    facts: MeshFacts
-    unit: Literal["mm", ""] = Field(
-        default="",
-        description="The unit of the lengths in `facts`: the millimetre for files of formats that state one, "
-        "whatever it is; empty where it is not stated.",
-    )
     warnings: list[str] = Field(
         default=[], description="Warnings of the file's reader, and for comparisons with the shape."
     )
@@ -281,10 +292,9 @@ class Shape(FileAndFields):
     @classmethod
     def of(cls, record: ShapeRecord) -> "Shape":
         """Return the JSON of a record."""
-        facts = {**record.facts, "closed": record.facts["boundary_edges"] == 0}
-        warnings = [*facts.pop("warnings"), *warnings_of(facts["boundary_ratio"])]
-        unit = FORMATS[record.format].unit
-        return cls(**{**vars(record), "facts": facts, "unit": unit, "warnings": warnings})
+        mesh = MeasuredMesh.in_format(record.facts, record.format)
+        warnings = [*record.facts["warnings"], *warnings_of(mesh.facts.boundary_ratio)]
+        return cls(**{**vars(record), **dict(mesh), "warnings": warnings})
 
 
 class ShapePage(Page):

@@ -1,33 +1,36 @@
-// The measures of a shape in words.
+// The measures of a mesh in words.
 
-/** @import { Facts, Shape } from "./types.js" */
+/** @import { Mesh } from "./types.js" */
 
 /** @param {number} value */
-export const rounded = (value) => String(Number(value.toPrecision(4)));
+const rounded = (value) => String(Number(value.toPrecision(4)));
 
-/** @param {number[]} box @param {string} unit */
-const sides = (box, unit) => [box.map(rounded).join(" × "), unit].filter(Boolean).join(" ");
+/** @param {number[]} box */
+const sides = (box) => box.map(rounded).join(" × ");
+
+/** @param {string} unit */
+const named = (unit) => (unit ? ` ${unit}` : ", no unit");
 
 /**
- * The sides of the least box, the largest first, such as "60 × 50 × 40 mm".
- * @param {{ facts: Facts, unit: string }} shape
+ * The sides of the least box, such as "60 × 50 × 40 mm"; with those along the axes of the file where they are others.
+ * @param {Mesh} mesh
  */
-export const sizeOf = ({ facts, unit }) => sides(facts.bounding_box, unit);
-
-/** The size in one line, with the sides along the axes of the file. @param {{ facts: Facts, unit: string }} shape */
-export const sizes = (shape) => `${sizeOf(shape)} (x, y, z: ${sides(shape.facts.file_box, "")})`;
+export function sizes({ facts, unit }) {
+  const least = sides(facts.bounding_box), along = sides(facts.file_box);
+  const same = least === sides([...facts.file_box].sort((a, b) => b - a));
+  return `${least}${named(unit)}${same ? "" : ` (x, y, z: ${along})`}`;
+}
 
 /**
- * Names and values of the measures of a shape, and their unit.
- * @param {Shape} shape
+ * Names and values of the measures of a mesh, and their unit.
+ * @param {Mesh} mesh
  * @param {number | null} ratio Its size over that of the query.
  * @returns {[string, string][]}
  */
 export const measures = ({ facts, unit }, ratio) => [
   ...(ratio === null ? [] : [/** @type {[string, string]} */ (["size ratio", rounded(ratio)])]),
-  ["unit", unit || "not stated"],
-  ["least box", sides(facts.bounding_box, unit)],
-  ["along x, y, z", sides(facts.file_box, unit)],
+  ["least box", sides(facts.bounding_box) + named(unit)],
+  ["along x, y, z", sides(facts.file_box) + named(unit)],
   ["area", rounded(facts.area) + (unit && ` ${unit}²`)],
   ["volume", facts.closed ? rounded(facts.volume) + (unit && ` ${unit}³`) : "none, the surface is open"],
   ["vertices", facts.vertices.toLocaleString("en")],

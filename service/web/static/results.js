@@ -4,7 +4,8 @@ import { address } from "./api.js";
 import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { byId, cached, make, showError } from "./dom.js";
-import { measures, similarLink } from "./shape_card.js";
+import { measures, sizes } from "./facts.js";
+import { similarLink } from "./shape_card.js";
 
 /** @import { Comparison } from "./comparison.js" */
 /** @import { Answer } from "./types.js" */
@@ -42,7 +43,7 @@ export async function showResults(asked, answer, rankBy, isNew) {
   const warnings = byId("results-warnings", HTMLElement);
   warnings.hidden = answer.warnings.length === 0;
   warnings.textContent = answer.warnings.map(sentence).join(" ");
-  const query = card(asked.name, ["Query"], null);
+  const query = card(asked.name, ["Query", sizes(answer.query)], null);
   byId("legend-text", HTMLElement).textContent = results.length === 0 ? ""
     : `Each result shows its difference from the query; the query shows its difference from ${results[0].shape.name}.`;
   /** @type {HTMLElement[]} */
@@ -54,7 +55,7 @@ export async function showResults(asked, answer, rankBy, isNew) {
     const line = make("div", { className: "buttons" }, similarLink(shape), open);
     const note = make("p", { className: "difference" });
     notes.push(note);
-    return card(`${result.rank}. ${shape.name}`, [shape.tags.join(", ")].filter(Boolean), result, note, more, line);
+    return card(`${result.rank}. ${shape.name}`, [sizes(shape), shape.tags.join(", ")].filter(Boolean), result, note, more, line);
   });
   cards.replaceChildren(query.item, ...found.map(({ item }) => item));
   if (isNew) section.focus();

@@ -2,6 +2,7 @@
 
 import { address } from "./api.js";
 import { button, byId, make } from "./dom.js";
+import { sizes } from "./facts.js";
 import { linkTo } from "./state.js";
 
 /** @import { Shape } from "./types.js" */
@@ -57,29 +58,11 @@ export function shapeCard(shape, ...actions) {
     "li", {},
     thumbnail(shape.id),
     make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
+    make("p", { className: "size" }, sizes(shape)),
     make("div", { className: "tags" }, ...tags),
     make("div", { className: "buttons" }, similarLink(shape), ...actions),
   );
 }
-
-/**
- * Names and values of the measures of a shape, and their unit.
- * @param {Shape} shape
- * @param {number | null} ratio Its size over that of the query.
- * @returns {[string, string][]}
- */
-export const measures = ({ facts, unit }, ratio) => [
-  ...(ratio === null ? [] : [/** @type {[string, string]} */ (["size ratio", rounded(ratio)])]),
-  ["unit", unit || "not stated"],
-  ["sides", facts.bounding_box.map(rounded).join(" × ")],
-  ["area", rounded(facts.area)],
-  ["volume", facts.closed ? rounded(facts.volume) : "none, the surface is open"],
-  ["vertices", facts.vertices.toLocaleString("en")],
-  ["faces", facts.faces.toLocaleString("en")],
-];
-
-/** @param {number} value */
-const rounded = (value) => String(Number(value.toPrecision(4)));
 
 const menu = byId("card-menu", HTMLElement);
 

@@ -2,9 +2,10 @@
 
 /**
  * @typedef {{ vertices: number, faces: number, area: number, volume: number, closed: boolean,
- *             bounding_box: number[] }} Facts
- * @typedef {{ id: string, name: string, tags: string[], format: string, unit: string,
- *             facts: Facts }} Shape
+ *             bounding_box: number[], file_box: number[] }} Facts
+ * @typedef {{ facts: Facts, unit: string }} Mesh
+ * @typedef {Mesh & { id: string, name: string, tags: string[], metadata: Record<string, unknown>, format: string,
+ *                    bytes: number, sha256: string, created_at: string, updated_at: string }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
@@ -12,7 +13,7 @@
  * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
- * @typedef {{ results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
+ * @typedef {{ query: Mesh, results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
  *             milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
  * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts

@@ -54,6 +54,16 @@ def test_records_have_bounding_boxes_an_area_and_a_volume(stocked: Running) -> N
     assert sheet["closed"] is False
 
 
+def test_an_answer_has_the_measures_of_its_query(stocked: Running) -> None:
+    shapes = stocked.client.get("/shapes").json()["shapes"]
+    for shape in shapes:
+        measured = {"facts": shape["facts"], "unit": shape["unit"]}
+        assert stocked.client.post("/query", json={"shape_id": shape["id"]}).json()["query"] == measured
+    fine_bar = query(stocked.client, write_mesh(MESHES["bar.off"], "3mf"), "bar.3mf").json()["query"]
+    assert fine_bar["unit"] == "mm"
+    assert fine_bar["facts"]["bounding_box"] == pytest.approx([100.0, 20.0, 10.0], rel=1e-4)
+
+
 @on_both
 @pytest.mark.parametrize(
     ("filters", "expected"),

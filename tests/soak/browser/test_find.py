@@ -10,6 +10,7 @@ from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.dense.solids import plate
+from tests.core.shapes import box, subdivided
 from tests.service.support import Running, query
 from tests.soak.browser.support import (
     Visit,
@@ -76,6 +77,36 @@ def test_one_line_says_by_what_a_copy_is_alike(
     copy = write_mesh(Mesh(mesh.vertices * np.array(factors), faces), "ply")
     page = visit.find(file_in(tmp_path, copy))
     assert page.locator("#cards .likeness").first.inner_text() == line
+
+
+def test_sizes_are_on_every_card_with_the_box_of_the_files_axes_and_the_unit(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    solid = subdivided(subdivided(box(60.0, 50.0, 40.0)))
+    # A quarter of a half turn about z: x and y extend over (60 + 50) / sqrt(2).
+    half = np.sqrt(0.5)
+    turned = Mesh(solid.vertices @ np.array([[half, half, 0], [-half, half, 0], [0, 0, 1]]), solid.faces)
+    service.store(write_mesh(solid, "3mf"), "straight.3mf")
+    service.store(write_mesh(turned, "off"), "turned.off")
+    straight, askew = "60 × 50 × 40 mm", "60 × 50 × 40, no unit (x, y, z: 77.78 × 77.78 × 40)"
+    page = visit.open("browse", name="t", sort="name")
+    cards = page.locator("#gallery li")
+    expect(cards.filter(has_text="straight.3mf").locator(".size")).to_have_text(straight)
+    expect(cards.filter(has_text="turned.off").locator(".size")).to_have_text(askew)
+    page = visit.find(file_in(tmp_path, write_mesh(turned, "off"), "query.off"))
+    results = page.locator("#cards li")
+    expect(results.first).to_contain_text(askew)
+    expect(results.filter(has_text="straight.3mf")).to_contain_text(straight)
+    table = results.filter(has_text="straight.3mf")
+    table.locator("summary").click()
+    told = dict(
+        zip(*(table.locator(f".scores {part}").all_inner_texts() for part in ("dt", "dd")), strict=True)
+    )
+    assert (told["least box"], told["along x, y, z"]) == (straight, straight)
+    assert (told["area"], told["volume"]) == ("14800 mm²", "120000 mm³")
+    page.get_by_role("link", name="Find similar to turned.off").click()
+    expect(page.locator("#find-name")).to_have_text("turned.off")
+    expect(results.first).to_contain_text(askew)
 
 
 def test_colours_show_points_that_correspond_or_eigenmaps(visit: Visit, tmp_path: Path) -> None:
