@@ -1,6 +1,6 @@
 // Requests to the service. Addresses are relative to its root, which a proxy may move.
 
-/** @import { Session, Version } from "./types.js" */
+/** @import { Session, Shape, Version } from "./types.js" */
 
 const ROOT = new URL("../", import.meta.url);
 
@@ -71,6 +71,20 @@ export async function ask(url, init) {
 export async function askWith(url, value, signal) {
   const headers = { "Content-Type": "application/json" };
   return (await ask(url, { method: "POST", headers, body: JSON.stringify(value), signal })).json();
+}
+
+/** @param {string} id @returns {Promise<Shape>} */
+export const readShape = async (id) => (await ask(address(`shapes/${id}`))).json();
+
+/**
+ * Change the given fields of a shape; resolves with the whole of it.
+ * @param {string} id
+ * @param {{ name?: string, tags?: string[], metadata?: Record<string, unknown>, collection?: string }} changes
+ * @returns {Promise<Shape>}
+ */
+export async function changeShape(id, changes) {
+  const headers = { "Content-Type": "application/json" };
+  return (await ask(address(`shapes/${id}`), { method: "PATCH", headers, body: JSON.stringify(changes) })).json();
 }
 
 /**

@@ -21,6 +21,9 @@ const valueOf = (field) => field instanceof HTMLInputElement && field.type === "
 const valuesOf = (field) => field.name === "metadata"
   ? valueOf(field).split(/,\s*(?=[^=,]+=)/).filter(Boolean) : [valueOf(field)].filter(Boolean);
 
+/** The tags in the text of a field. @param {string} text */
+export const tagsIn = (text) => text.split(",").map((tag) => tag.trim()).filter(Boolean);
+
 /**
  * The fields that are not empty.
  * @param {HTMLFormElement} form

@@ -29,7 +29,7 @@
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
- * @typedef {{ formats: { endings: string[], read: boolean }[] }} Version
+ * @typedef {{ formats: { name: string, title: string, endings: string[], read: boolean, written: boolean }[] }} Version
  */
 
 export {};

@@ -1,10 +1,10 @@
-// One stored shape in 3D, or two side by side with their correspondence.
+// One stored shape, or two side by side in 3D with their correspondence.
 
-import { address, ask, askWith } from "./api.js";
+import { address, askWith, readShape } from "./api.js";
 import { card, details } from "./card.js";
-import { compare, showSingle, storedEmbedding, storedGlb } from "./comparison.js";
+import { compare, storedEmbedding, storedGlb } from "./comparison.js";
 import { byId, showError } from "./dom.js";
-import { readGlb } from "./glb.js";
+import { showShape } from "./shape_page.js";
 
 /** @import { Comparison, Shape } from "./types.js" */
 
@@ -15,25 +15,11 @@ for (const link of document.querySelectorAll("a[data-view]")) {
   /** @type {HTMLAnchorElement} */ (link).href = address("", { view: link.getAttribute("data-view") ?? "" });
 }
 
-/** @param {string} id @returns {Promise<Shape>} */
-const read = async (id) => (await ask(address(`shapes/${id}`))).json();
-
-/** @param {string} id */
-async function showOne(id) {
-  const shape = await read(id);
-  title.textContent = document.title = shape.name;
-  const { vertices, faces } = shape.facts;
-  const lines = [`${vertices} vertices, ${faces} faces`, shape.tags.join(", ")].filter(Boolean);
-  const { canvas, item } = card(shape.name, lines, null);
-  cards.append(item);
-  showSingle(canvas, readGlb(await storedGlb(id)));
-}
-
 /** @param {string} one @param {string} other */
 async function showTwo(one, other) {
   /** @type {[Shape, Shape, Comparison]} */
   const [a, b, scores] = await Promise.all([
-    read(one), read(other), askWith(address("compare"), { first: one, second: other }),
+    readShape(one), readShape(other), askWith(address("compare"), { first: one, second: other }),
   ]);
   title.textContent = document.title = `${a.name} and ${b.name}`;
   const left = card(a.name, [], null), right = card(b.name, [], scores, details(b.name, scores));
@@ -52,4 +38,4 @@ async function showTwo(one, other) {
 }
 
 const id = location.pathname.split("/").at(-2) ?? "";
-(first && second ? showTwo(first, second) : showOne(id)).catch((error) => showError(byId("error", HTMLElement), error));
+(first && second ? showTwo(first, second) : showShape(id)).catch((error) => showError(byId("error", HTMLElement), error));

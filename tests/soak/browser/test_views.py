@@ -165,6 +165,10 @@ def test_signing_in_with_a_key(
         page.keyboard.press("Escape")
         page.set_input_files("#find-file", file_in(tmp_path))
         expect(page.locator("#cards canvas[data-drawn]")).to_have_count(4)
+        page.goto(f"{visit.here}/shapes/{stored(locked)[0]['id']}/view")
+        expect(page.locator("#facts")).to_contain_text("faces")
+        assert page.locator("#edit-open").is_visible() == may_store
+        visit.open()
         page.click("#sign-out")
         page.wait_for_selector("#sign-in:not([hidden])")
         assert page.locator("#gallery li").count() == 0

@@ -1,0 +1,127 @@
+// The page of a stored shape: in 3D, its record, its file in any format, and its text, which can be edited.
+
+import { address, changeShape, collection, readShape, session, version } from "./api.js";
+import { card } from "./card.js";
+import { showSingle, storedGlb } from "./comparison.js";
+import { button, byId, make, showError } from "./dom.js";
+import { measures } from "./facts.js";
+import { tagsIn } from "./fields.js";
+import { readGlb } from "./glb.js";
+
+/** @import { Shape, Version } from "./types.js" */
+
+const form = byId("edit", HTMLFormElement);
+const open = byId("edit-open", HTMLButtonElement);
+const rows = byId("edit-metadata", HTMLElement);
+const errorBox = byId("edit-error", HTMLElement);
+
+/** @type {Shape} */
+let shape;
+
+/** @param {string} id */
+export async function showShape(id) {
+  const [read, { access }, { formats }] = await Promise.all([readShape(id), session(), version()]);
+  showRecord(read);
+  offerDownload(formats);
+  byId("similar", HTMLAnchorElement).href = address("", { shape_id: id });
+  byId("about", HTMLElement).hidden = false;
+  open.hidden = access !== "full";
+  const { canvas, item } = card(shape.name, [], null);
+  byId("cards", HTMLElement).append(item);
+  showSingle(canvas, readGlb(await storedGlb(id)));
+}
+
+/** @param {Shape} read */
+function showRecord(read) {
+  shape = read;
+  const { name, tags, metadata, format, bytes, created_at, updated_at } = shape;
+  byId("title", HTMLElement).textContent = document.title = name;
+  byId("shape-tags", HTMLElement).replaceChildren(...tags.map((tag) => make("a", { href: address("", { view: "browse", tag }) }, tag)));
+  list("facts", [
+    ...measures(shape, null),
+    ["file", `${format.toUpperCase()}, ${Math.ceil(bytes / 1000).toLocaleString("en")} kB`],
+    ["collection", collection || "default"],
+    ["stored", new Date(created_at).toLocaleString()],
+    ["changed", new Date(updated_at).toLocaleString()],
+  ]);
+  list("metadata", Object.entries(metadata).map(([key, value]) => [key, textOf(value)]));
+}
+
+/** @param {string} id Of a list of terms. @param {[string, string][]} entries */
+const list = (id, entries) => byId(id, HTMLElement).replaceChildren(
+  ...entries.flatMap(([term, value]) => [make("dt", {}, term), make("dd", {}, value)]),
+);
+
+/** @param {Version["formats"]} formats */
+function offerDownload(formats) {
+  const choice = byId("format", HTMLSelectElement), link = byId("download", HTMLAnchorElement);
+  choice.replaceChildren(
+    make("option", { value: "" }, `${shape.format.toUpperCase()}, as stored`),
+    ...formats.filter(({ name, written }) => written && name !== shape.format).map(({ name, title }) => make("option", { value: name }, title)),
+  );
+  const point = () => (link.href = address(`shapes/${shape.id}/file`, { format: choice.value }));
+  choice.addEventListener("change", point);
+  point();
+}
+
+/** The text of a value of the metadata, which stays text unless it is JSON of another kind. @param {unknown} value */
+const textOf = (value) => (typeof value === "string" ? value : JSON.stringify(value));
+
+/** The value of an edited text. @param {string} text @param {unknown} before */
+function valueOf(text, before) {
+  if (before !== undefined && text === textOf(before)) return before;
+  try {
+    const value = JSON.parse(text);
+    return typeof value === "string" ? text : value;
+  } catch {
+    return text;
+  }
+}
+
+/** Add the fields of an entry of the metadata. @param {string} key @param {unknown} [value] */
+function addRow(key, value) {
+  const first = make("input", { type: "text", value: key, ariaLabel: "Key", autocomplete: "off" });
+  const second = make("input", { type: "text", value: value === undefined ? "" : textOf(value), ariaLabel: "Value", autocomplete: "off" });
+  const row = make("div", { className: "buttons" }, first, second, button("Remove", () => row.remove(), `Remove ${key || "this entry"}`));
+  rows.append(row);
+  return first;
+}
+
+/** The edited metadata. */
+function metadataOf() {
+  /** @type {[string, unknown][]} */
+  const entries = [...rows.children].map((row) => {
+    const [key, value] = [...row.querySelectorAll("input")].map((field) => field.value);
+    return [key.trim(), valueOf(value, shape.metadata[key.trim()])];
+  });
+  return Object.fromEntries(entries.filter(([key]) => key !== ""));
+}
+
+open.addEventListener("click", () => {
+  byId("edit-name", HTMLInputElement).value = shape.name;
+  byId("edit-tags", HTMLInputElement).value = shape.tags.join(", ");
+  rows.replaceChildren();
+  for (const [key, value] of Object.entries(shape.metadata)) addRow(key, value);
+  showError(errorBox);
+  form.hidden = false;
+  byId("edit-name", HTMLInputElement).focus();
+});
+form.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  try {
+    showRecord(await changeShape(shape.id, {
+      name: byId("edit-name", HTMLInputElement).value,
+      tags: tagsIn(byId("edit-tags", HTMLInputElement).value),
+      metadata: metadataOf(),
+    }));
+    close();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+});
+function close() {
+  form.hidden = true;
+  open.focus();
+}
+byId("edit-cancel", HTMLButtonElement).addEventListener("click", close);
+byId("edit-add", HTMLButtonElement).addEventListener("click", () => addRow("").focus());

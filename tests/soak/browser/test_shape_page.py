@@ -1,0 +1,87 @@
+"""The page of a stored shape: its record, its file in other formats, and its text, which is edited there."""
+
+from pathlib import Path
+
+from playwright.sync_api import Page, expect
+
+from tests.service.support import Running
+from tests.soak.browser.support import Visit, made, serious
+
+METADATA = '{"source": "scan", "year": 2024, "code": "007", "deep": {"a": [1, null]}}'
+
+
+def terms(page: Page, where: str) -> dict[str, str]:
+    """The values of a list of terms."""
+    names, values = (page.locator(f"{where} {part}").all_inner_texts() for part in ("dt", "dd"))
+    return dict(zip(names, values, strict=True))
+
+
+def opened(visit: Visit, shape: dict) -> Page:
+    visit.page.goto(f"{visit.here}/shapes/{shape['id']}/view")
+    visit.page.wait_for_selector("#cards canvas[data-drawn]")
+    return visit.page
+
+
+def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> None:
+    shape = service.store(made("fish", 4), "fish-4.ply", tags="fish,new", metadata=METADATA)
+    page = opened(visit, shape)
+    told = terms(page, "#facts")
+    assert (told["collection"], told["file"].partition(",")[0]) == ("default", "PLY")
+    assert told["faces"] == f"{shape['facts']['faces']:,}"
+    stored = page.evaluate("time => new Date(time).toLocaleString()", shape["created_at"])
+    assert told["stored"] == stored
+    assert terms(page, "#metadata") == {
+        "source": "scan",
+        "year": "2024",
+        "code": "007",
+        "deep": '{"a":[1,null]}',
+    }
+    assert page.locator("#shape-tags a").all_inner_texts() == ["fish", "new"]
+    page.get_by_role("button", name="Edit").click()
+    assert serious(page) == []
+    page.get_by_label("Name").fill("renamed.ply")
+    page.get_by_label("Tags, separated by commas").fill("fish, checked")
+    page.get_by_label("Value").nth(1).fill("2025")
+    page.get_by_role("button", name="Remove source").click()
+    page.get_by_role("button", name="Add an entry").click()
+    page.keyboard.type("fits")
+    page.keyboard.press("Tab")
+    page.keyboard.type("true")
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#title")).to_have_text("renamed.ply")
+    assert page.title() == "renamed.ply"
+    expect(page.locator("#edit")).to_be_hidden()
+    read = service.client.get(f"/shapes/{shape['id']}").json()
+    assert (read["name"], read["tags"]) == ("renamed.ply", ["fish", "checked"])
+    # What was not edited is what it was, and no text has become a number.
+    assert read["metadata"] == {"year": 2025, "code": "007", "deep": {"a": [1, None]}, "fits": True}
+    assert terms(page, "#metadata")["fits"] == "true"
+    # What the service refuses stays in the form, with the reason.
+    visit.expected = ["422"]
+    page.get_by_role("button", name="Edit").click()
+    page.get_by_label("Tags, separated by commas").fill("t" * 65)
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator("#edit-error")).to_contain_text("tags")
+    page.get_by_role("button", name="Cancel").click()
+    assert service.client.get(f"/shapes/{shape['id']}").json() == read
+    page.locator("#shape-tags").get_by_role("link", name="checked").click()
+    expect(page.locator("#gallery .name")).to_have_text(["renamed.ply"])
+
+
+def test_a_shape_is_downloaded_in_any_format_and_searched_with(visit: Visit, service: Running) -> None:
+    shape = service.client.get("/shapes", params={"name": "fish-0"}).json()["shapes"][0]
+    page = opened(visit, shape)
+    formats = service.client.get("/version").json()["formats"]
+    offered = [option.get_attribute("value") for option in page.locator("#format option").all()]
+    written = [each["name"] for each in formats if each["written"] and each["name"] != "ply"]
+    assert offered == ["", *written]
+    for choice, name in (("", "fish-0.ply"), ("stl", "fish-0.ply.stl")):
+        page.select_option("#format", choice)
+        with page.expect_download() as download:
+            page.get_by_role("link", name="Download").click()
+        assert download.value.suggested_filename == name
+        parameters = {"format": choice} if choice else {}
+        same = service.client.get(f"/shapes/{shape['id']}/file", params=parameters).content
+        assert Path(download.value.path()).read_bytes() == same
+    page.get_by_role("link", name="Find similar").click()
+    expect(page.locator("#find-name")).to_have_text("fish-0.ply")
