@@ -1,6 +1,6 @@
 // Requests to the service. Addresses are relative to its root, which a proxy may move.
 
-/** @import { Session, Shape, Version } from "./types.js" */
+/** @import { Collections, Session, Shape, Version } from "./types.js" */
 
 const ROOT = new URL("../", import.meta.url);
 
@@ -125,6 +125,13 @@ export function send(url, form, progress, signal) {
     request.open("POST", url);
     request.send(form);
   });
+}
+
+/** The collections that the key may use. */
+export async function collections() {
+  /** @type {Collections} */
+  const answer = await (await ask(address("collections"))).json();
+  return answer.collections;
 }
 
 /** @returns {Promise<Version>} */

@@ -28,60 +28,76 @@ export async function openDeleted(onRestored) {
   await recount();
 }
 
+/** @param {{ name: string }[]} shapes */
+const nameOf = (shapes) => (shapes.length === 1 ? shapes[0].name : `${shapes.length} shapes`);
+
+/** @param {{ name: string }[]} shapes @param {string} done Such as "deleted". */
+const told = (shapes, done) => `${nameOf(shapes)} ${shapes.length === 1 ? "was" : "were"} ${done}.`;
+
 /**
- * Whether the user confirms that a shape is deleted for good.
- * @param {string} name
+ * Whether the user confirms that shapes are deleted for good.
+ * @param {{ name: string }[]} shapes
  */
-async function confirmed(name) {
-  byId("deletion-text", HTMLElement).textContent = `${name} will no longer be found. You cannot restore it.`;
+async function confirmed(shapes) {
+  byId("deletion-title", HTMLElement).textContent = shapes.length === 1 ? "Delete this shape?" : "Delete these shapes?";
+  const them = shapes.length === 1 ? "it" : "them";
+  byId("deletion-text", HTMLElement).textContent = `${nameOf(shapes)} will no longer be found. You cannot restore ${them}.`;
   dialog.returnValue = "cancel";
   dialog.showModal();
   await new Promise((closed) => dialog.addEventListener("close", closed, { once: true }));
   return dialog.returnValue === "delete";
 }
 
+/** Whether shapes may be deleted, which is asked where they cannot be restored. @param {{ name: string }[]} shapes */
+export const mayDelete = async (shapes) => days > 0 || await confirmed(shapes);
+
 /**
  * Delete a shape, if that is confirmed where it cannot be restored. Returns whether it is deleted.
  * @param {{ id: string, name: string }} shape
  */
-export async function erased({ id, name }) {
-  if (days === 0 && !await confirmed(name)) return false;
-  await ask(address(`shapes/${id}`), { method: "DELETE" });
+export async function erased(shape) {
+  if (!await mayDelete([shape])) return false;
+  await ask(address(`shapes/${shape.id}`), { method: "DELETE" });
   return true;
 }
 
 /**
  * Offer to undo a deletion; false if the service keeps no deleted shapes.
- * @param {{ id: string, name: string }} shape
+ * @param {...{ id: string, name: string }} shapes
  */
-export function deleted(shape) {
+export function deleted(...shapes) {
   if (days === 0) return false;
-  const undo = button("Undo", () => restore(shape), `Undo: restore ${shape.name}`);
+  const undo = button("Undo", () => restore(shapes), `Undo: restore ${nameOf(shapes)}`);
   const time = days === 1 ? "one day" : `${days} days`;
-  offer.replaceChildren(`${shape.name} was deleted. You can restore it within ${time}. `, undo);
+  offer.replaceChildren(`${told(shapes, "deleted")} You can restore ${shapes.length === 1 ? "it" : "them"} within ${time}. `, undo);
   // The button is always visible, so the page need not scroll.
   undo.focus({ preventScroll: true });
   recount();
   return true;
 }
 
-/** @param {{ id: string, name: string }} shape */
-async function restore(shape) {
+/** @param {{ id: string, name: string }[]} shapes */
+async function restore(shapes) {
+  /** @type {typeof shapes} */
+  const back = [];
   try {
-    await (await ask(address(`shapes/${shape.id}/restore`), { method: "POST" })).text();
+    for (const shape of shapes) {
+      await (await ask(address(`shapes/${shape.id}/restore`), { method: "POST" })).text();
+      back.push(shape);
+    }
     showError(errorBox);
-    offer.replaceChildren(`${shape.name} was restored.`);
+    offer.replaceChildren(told(shapes, "restored"));
     offer.focus({ preventScroll: true });
-    restored();
   } catch (error) {
     showError(errorBox, error);
   }
+  if (back.length > 0) restored();
   await recount();
 }
 
 /** Erase a deleted shape, if that is confirmed. @param {DeletedShape} shape */
 async function erase({ id, name }) {
-  if (!await confirmed(name)) return;
+  if (!await confirmed([{ name }])) return;
   try {
     await ask(address(`deleted/${id}`), { method: "DELETE" });
     showError(errorBox);
@@ -139,7 +155,7 @@ const line = (shape) => make(
   make("span", {}, "Deleted ", moment(shape.deleted_at), ", can be restored until ", moment(shape.gone_at)),
   make(
     "div", { className: "buttons" },
-    button("Restore", () => restore(shape), `Restore ${shape.name}`),
+    button("Restore", () => restore([shape]), `Restore ${shape.name}`),
     button("Delete for good", () => erase(shape), `Delete ${shape.name} for good`),
   ),
 );

@@ -1,4 +1,4 @@
-// The measures of a mesh in words.
+// The record of a shape in words.
 
 /** @import { Mesh } from "./types.js" */
 
@@ -20,6 +20,14 @@ export function sizes({ facts, unit }) {
   const same = least === sides([...facts.file_box].sort((a, b) => b - a));
   return `${least}${named(unit)}${same ? "" : ` (x, y, z: ${along})`}`;
 }
+
+/** The text of a value of the metadata: text as it is, other values as JSON. @param {unknown} value */
+export const textOf = (value) => (typeof value === "string" ? value : JSON.stringify(value));
+
+const DAY = new Intl.DateTimeFormat("en", { dateStyle: "medium" });
+
+/** The day of a time, such as "Jan 31, 2026". @param {string} time */
+export const day = (time) => DAY.format(new Date(time));
 
 /**
  * Names and values of the measures of a mesh, and their unit.

@@ -4,6 +4,7 @@ import { address, ask } from "./api.js";
 import { deleted, erased } from "./deleted.js";
 import { byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
+import { selectBox, unselect } from "./selection.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { keep } from "./state.js";
 
@@ -107,9 +108,11 @@ function showTotal() {
  */
 function show(chunk, shapes) {
   shapesOf.set(chunk, shapes);
-  chunk.replaceChildren(...shapes.map((shape) => (
-    shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, chunk) : null))
-  )));
+  chunk.replaceChildren(...shapes.map((shape) => {
+    const card = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, chunk) : null));
+    card.prepend(selectBox(shape));
+    return card;
+  }));
 }
 
 /**
@@ -121,6 +124,7 @@ async function removeShape(shape, chunk) {
   const own = generation;
   try {
     if (!await erased(shape)) return;
+    unselect(shape.id);
     if (own !== generation) {
       // The list that was loaded meanwhile may still have the shape.
       reload();

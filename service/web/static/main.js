@@ -1,17 +1,18 @@
 // The main page: signs in, then shows the view of the address.
 
-import { address, ask, collection, session, signedOut, signIn, signOut, version } from "./api.js";
+import { collection, collections, session, signedOut, signIn, signOut, version } from "./api.js";
 import { openDeleted } from "./deleted.js";
 import { byId, make, showError } from "./dom.js";
 import { allowDeletions, openDuplicates } from "./duplicates.js";
 import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openMap } from "./map.js";
+import { openSelection } from "./selection.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
 import { openJobs, store } from "./upload.js";
 
 /** @import { State } from "./state.js" */
-/** @import { Collections, Session } from "./types.js" */
+/** @import { Session } from "./types.js" */
 
 const ASK_MILLISECONDS = 1000;
 
@@ -51,14 +52,13 @@ const addressOf = (name) => {
 
 /** Show the collections; true if the page reloads for the first of them, because there is no default one. */
 async function openCollections() {
-  /** @type {Collections} */
-  const { collections } = await (await ask(address("collections"))).json();
-  const names = collections.map(({ name }) => name);
+  const known = await collections();
+  const names = known.map(({ name }) => name);
   if (!collection && names.length > 1 && !names.includes("default")) {
     location.replace(addressOf(names[0]));
     return true;
   }
-  choice.replaceChildren(...collections.map(({ name, shapes }) => make(
+  choice.replaceChildren(...known.map(({ name, shapes }) => make(
     "option", { value: name, selected: name === (collection || "default") }, `${name} (${shapes})`,
   )));
   collectionForm.hidden = names.length < 2;
@@ -128,6 +128,7 @@ async function enter(own) {
   for (const part of document.querySelectorAll("[data-needs=full]")) {
     /** @type {HTMLElement} */ (part).hidden = !full;
   }
+  openSelection(reload);
   form.hidden = true;
   content.hidden = views.hidden = false;
   signOutButton.hidden = !own.signed_in;

@@ -2,7 +2,7 @@
 
 import { address } from "./api.js";
 import { button, byId, make } from "./dom.js";
-import { sizes } from "./facts.js";
+import { day, sizes, textOf } from "./facts.js";
 import { linkTo } from "./state.js";
 
 /** @import { Shape } from "./types.js" */
@@ -54,11 +54,14 @@ export function shapeCard(shape, ...actions) {
     link.dataset.view = "browse";
     return link;
   });
+  const entries = Object.entries(shape.metadata).map(([key, value]) => `${key}: ${textOf(value)}`);
+  const about = [day(shape.created_at), ...entries].join(" · ");
   return make(
     "li", {},
     thumbnail(shape.id),
     make("a", { className: "name", href: address(`shapes/${shape.id}/view`) }, shape.name),
     make("p", { className: "size" }, sizes(shape)),
+    make("p", { className: "about", title: about }, about),
     make("div", { className: "tags" }, ...tags),
     make("div", { className: "buttons" }, similarLink(shape), ...actions),
   );

@@ -4,7 +4,7 @@ import { address, changeShape, collection, readShape, session, version } from ".
 import { card } from "./card.js";
 import { showSingle, storedGlb } from "./comparison.js";
 import { button, byId, make, showError } from "./dom.js";
-import { measures } from "./facts.js";
+import { measures, textOf } from "./facts.js";
 import { tagsIn } from "./fields.js";
 import { readGlb } from "./glb.js";
 
@@ -63,9 +63,6 @@ function offerDownload(formats) {
   choice.addEventListener("change", point);
   point();
 }
-
-/** The text of a value of the metadata, which stays text unless it is JSON of another kind. @param {unknown} value */
-const textOf = (value) => (typeof value === "string" ? value : JSON.stringify(value));
 
 /** The value of an edited text. @param {string} text @param {unknown} before */
 function valueOf(text, before) {

@@ -24,7 +24,13 @@ def opened(visit: Visit, shape: dict) -> Page:
 
 def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> None:
     shape = service.store(made("fish", 4), "fish-4.ply", tags="fish,new", metadata=METADATA)
-    page = opened(visit, shape)
+    card = visit.open("browse", name="fish-4").locator("#gallery li")
+    expect(card.locator(".about")).to_contain_text(
+        '· source: scan · year: 2024 · code: 007 · deep: {"a":[1,null]}'
+    )
+    card.locator(".name").click()
+    page = visit.page
+    page.wait_for_selector("#cards canvas[data-drawn]")
     told = terms(page, "#facts")
     assert (told["collection"], told["file"].partition(",")[0]) == ("default", "PLY")
     assert told["faces"] == f"{shape['facts']['faces']:,}"

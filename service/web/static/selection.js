@@ -1,0 +1,206 @@
+// The selected shapes of the list: tag, move, delete or export all of them.
+
+import { address, ask, changeShape, collection, collections, readShape, version } from "./api.js";
+import { saveTable } from "./csv.js";
+import { deleted, mayDelete } from "./deleted.js";
+import { byId, make, messageOf } from "./dom.js";
+import { parametersOf, tagsIn } from "./fields.js";
+import { save, zip } from "./zip.js";
+
+/** @import { Shape, ShapePage } from "./types.js" */
+
+/** Requests that run at a time; failures that are told. */
+const AT_ONCE = 2, TOLD = 5;
+const PAGE = "500";
+
+const bar = byId("selection", HTMLFormElement);
+const status = byId("selection-status", HTMLElement);
+const tags = byId("selection-tags", HTMLInputElement);
+const target = byId("selection-collection", HTMLSelectElement);
+const format = byId("selection-format", HTMLSelectElement);
+
+/** @type {Map<string, Shape>} */
+const selected = new Map();
+/** Called after shapes have changed. */
+let changed = () => {};
+
+/** @param {() => void} onChanged Called after shapes have changed. */
+export const openSelection = (onChanged) => (changed = onChanged);
+
+/** The box that selects a shape. @param {Shape} shape */
+export function selectBox(shape) {
+  const box = make("input", { type: "checkbox", className: "select", checked: selected.has(shape.id), ariaLabel: `Select ${shape.name}` });
+  box.dataset.select = shape.id;
+  box.addEventListener("change", () => {
+    if (box.checked) selected.set(shape.id, shape);
+    else selected.delete(shape.id);
+    status.textContent = "";
+    show();
+  });
+  return box;
+}
+
+/** @param {string} id */
+export function unselect(id) {
+  selected.delete(id);
+  show();
+}
+
+/** Show how many are selected, and their boxes. */
+function show() {
+  if (selected.size > 0 && bar.hidden) offer();
+  bar.hidden = selected.size === 0 && status.textContent === "";
+  byId("selection-count", HTMLElement).textContent = `${selected.size} selected`;
+  for (const box of document.querySelectorAll("[data-select]")) {
+    const { dataset } = /** @type {HTMLInputElement} */ (box);
+    /** @type {HTMLInputElement} */ (box).checked = selected.has(dataset.select ?? "");
+  }
+}
+
+/** Fill the choices of collections and of formats. */
+async function offer() {
+  const [others, { formats }] = await Promise.all([collections(), version()]);
+  target.replaceChildren(...others.filter(({ name }) => name !== (collection || "default")).map(({ name }) => make("option", {}, name)));
+  byId("selection-move", HTMLElement).hidden = target.options.length === 0;
+  if (format.options.length === 1) {
+    format.append(...formats.filter(({ written }) => written).map(({ name, title }) => make("option", { value: name }, title)));
+  }
+}
+
+/**
+ * Do something with each selected shape; those that fail stay selected, and the reasons are told.
+ * @param {string} done Such as "tagged".
+ * @param {(shape: Shape) => Promise<unknown>} work
+ * @returns {Promise<Shape[]>} The shapes of which it is done.
+ */
+async function each(done, work) {
+  const waiting = [...selected.values()], total = waiting.length;
+  /** @type {Shape[]} */
+  const finished = [];
+  /** @type {string[]} */
+  const failures = [];
+  const controls = byId("selection-controls", HTMLFieldSetElement);
+  controls.disabled = true;
+  const next = async () => {
+    for (let shape = waiting.shift(); shape; shape = waiting.shift()) {
+      try {
+        await work(shape);
+        finished.push(shape);
+      } catch (error) {
+        failures.push(`${shape.name}: ${messageOf(error)}`);
+      }
+      status.textContent = `${finished.length} of ${total} ${done}`;
+    }
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, next));
+  controls.disabled = false;
+  const told = failures.slice(0, TOLD).map((failure) => ` ${failure}`).join("");
+  const more = failures.length > TOLD ? ` And ${failures.length - TOLD} more.` : "";
+  status.textContent = `${finished.length} ${finished.length === 1 ? "shape" : "shapes"} ${done}.`
+    + (failures.length > 0 ? ` ${failures.length} not:${told}${more}` : "");
+  return finished;
+}
+
+/** Leave the shapes that are gone out of the selection, and show the list anew. @param {Shape[]} [gone] */
+function finish(gone = []) {
+  for (const { id } of gone) selected.delete(id);
+  show();
+  changed();
+}
+
+/** @param {(own: string[], given: string[]) => string[]} change Of the tags of a shape by those in the field. */
+async function retag(change) {
+  const given = tagsIn(tags.value);
+  if (given.length === 0) return tags.focus();
+  await each("tagged", async ({ id }) => {
+    // The list may be older than the tags.
+    selected.set(id, await changeShape(id, { tags: change((await readShape(id)).tags, given) }));
+  });
+  tags.value = "";
+  finish();
+}
+
+/** @type {Record<string, () => Promise<void> | void>} */
+const ACTIONS = {
+  all: async () => {
+    const wanted = parametersOf(byId("gallery-form", HTMLFormElement));
+    wanted.set("limit", PAGE);
+    do {
+      /** @type {ShapePage} */
+      const page = await (await ask(address("shapes", wanted))).json();
+      for (const shape of page.shapes) selected.set(shape.id, shape);
+      wanted.set("cursor", page.next_cursor ?? "");
+    } while (wanted.get("cursor"));
+    show();
+  },
+  none: () => {
+    selected.clear();
+    status.textContent = "";
+    show();
+  },
+  tag: () => retag((own, given) => [...new Set([...own, ...given])]),
+  untag: () => retag((own, given) => own.filter((tag) => !given.includes(tag))),
+  move: async () => finish(await each(`moved to ${target.value}`, ({ id }) => changeShape(id, { collection: target.value }))),
+  delete: async () => {
+    if (!await mayDelete([...selected.values()])) return;
+    const gone = await each("deleted", ({ id }) => ask(address(`shapes/${id}`), { method: "DELETE" }));
+    finish(gone);
+    if (gone.length > 0) deleted(...gone);
+  },
+  table: () => saveTable("shapes.csv", table([...selected.values()])),
+  files: async () => {
+    /** @type {Map<string, ArrayBuffer>} */
+    const files = new Map();
+    await each("read", async ({ id }) => {
+      const answer = await ask(address(`shapes/${id}/file`, { format: format.value }));
+      files.set(freeName(nameIn(answer.headers.get("Content-Disposition") ?? ""), files), await answer.arrayBuffer());
+    });
+    if (files.size > 0) save("shapes.zip", await zip([...files].map(([name, data]) => ({ name, data }))));
+  },
+};
+
+/** The name of a file, with folders, in a header of the service. @param {string} disposition */
+const nameIn = (disposition) => decodeURIComponent(disposition.split("filename*=UTF-8''")[1] ?? "file")
+  .split(/[\\/]/).filter((part) => !/^\.*$/.test(part)).join("/");
+
+/** @param {string} name @param {Map<string, unknown>} taken */
+function freeName(name, taken) {
+  const [, stem, ending] = /** @type {RegExpExecArray} */ (/^(.*?)(\.[^./]*)?$/s.exec(name));
+  let free = name;
+  for (let number = 2; taken.has(free); number++) free = `${stem} (${number})${ending ?? ""}`;
+  return free;
+}
+
+/** @param {Shape[]} shapes */
+function table(shapes) {
+  const keys = [...new Set(shapes.flatMap(({ metadata }) => Object.keys(metadata)))].sort();
+  const head = [
+    "id", "name", "tags", "format", "bytes", "sha256", "created_at", "updated_at", "unit", "length", "width", "height",
+    "x", "y", "z", "area", "volume", "vertices", "faces", ...keys.map((key) => `metadata.${key}`),
+  ];
+  return [head, ...shapes.map(({ id, name, tags: own, format: kind, bytes, sha256, created_at, updated_at, unit, facts, metadata }) => [
+    id, name, own.join(", "), kind, bytes, sha256, created_at, updated_at, unit, ...facts.bounding_box, ...facts.file_box,
+    facts.area, facts.closed ? facts.volume : null, facts.vertices, facts.faces,
+    ...keys.map((key) => cellOf(metadata[key])),
+  ])];
+}
+
+/** @param {unknown} value */
+const cellOf = (value) => value === undefined ? null : typeof value === "string" || typeof value === "number" ? value : JSON.stringify(value);
+
+/** @param {string} action */
+async function act(action) {
+  try {
+    await ACTIONS[action]();
+  } catch (error) {
+    status.textContent = messageOf(error);
+  }
+}
+
+bar.addEventListener("submit", (event) => {
+  event.preventDefault();
+  act(/** @type {HTMLButtonElement} */ (event.submitter).value);
+});
+for (const own of bar.querySelectorAll("button[type=button]")) {
+  own.addEventListener("click", () => act(/** @type {HTMLButtonElement} */ (own).value));
+}
