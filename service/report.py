@@ -140,6 +140,7 @@ def _summary(answer: QueryAnswer) -> list[str]:
 def _section(result: Result, of_query: bytes, of_shape: bytes, query: str) -> str:
     shape = result.shape
     name = escape(shape.name)
+    likeness = likeness_in_words(result.likeness, result.scale, result.difference)
     pictures = _picture(of_query, f"{query}, coloured") + _picture(of_shape, f"{shape.name}, coloured")
     part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
     scores = {
@@ -168,7 +169,7 @@ def _section(result: Result, of_query: bytes, of_shape: bytes, query: str) -> st
             f'<figure class="pair">{pictures}',
             f"<figcaption>{escape(query)} and {name}: corresponding points have one colour.</figcaption>",
             "</figure>",
-            f"<p><strong>{escape(likeness_in_words(result.likeness, result.scale))}</strong></p>",
+            f"<p><strong>{escape(likeness)}</strong></p>",
             _table("Scores", scores.items(), numbers=True),
             _table("The shape", ((key, value) for key, value in facts.items() if value)),
             "</section>",

@@ -6,7 +6,7 @@ largest local deviation relative to the sampling errors of both meshes.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -56,8 +56,12 @@ class Difference:
         The box that holds all differences.
     distance : float
         The largest distance of the surfaces, in the units of the first file.
-    volume, area : float
-        Volume and area of the second over those of the first, both in one size.
+    extents : two of tuple of 3 float
+        Lengths of both along the axes of the first file, in its units and both in one size.
+    volume : float or None
+        Volume of the second over that of the first, both in one size, if both meshes are closed.
+    area : float
+        Area of the second over that of the first, both in one size.
     through_holes : tuple of 2 int, or None
         Their numbers of through holes, if both meshes are closed.
     """
@@ -66,7 +70,8 @@ class Difference:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     distance: float
-    volume: float
+    extents: tuple[tuple[float, float, float], tuple[float, float, float]]
+    volume: float | None
     area: float
     through_holes: tuple[int, int] | None
 
@@ -85,12 +90,15 @@ class RigidCopy:
         Root mean square distance of the surfaces, both ways, over the root of the area.
     difference : Difference or None
         The local difference of a variant; None for a copy.
+    placing : Similarity
+        Maps the copy onto the other surface, in the units of their files.
     """
 
     scale: float
     mirrored: bool
     residual: float = 0.0
     difference: Difference | None = None
+    placing: Similarity = field(kw_only=True, compare=False)
 
 
 class Proportions(NamedTuple):
@@ -147,7 +155,7 @@ def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> Rig
     expected = np.array([ours.area * scale**2, ours.volume * scale**3, ours.scale * scale])
     same = np.allclose(expected, [theirs.area, theirs.volume, theirs.scale], rtol=EXACT, atol=0.0)
     near = gaps.max() <= IDENTICAL * np.sqrt(theirs.area)
-    return RigidCopy(scale, mirrored=False) if same and near else None
+    return RigidCopy(scale, mirrored=False, placing=motion.inverse) if same and near else None
 
 
 def copy_by_surfaces(
@@ -188,11 +196,26 @@ def _registered(
         scale = motion.scale * second.samples.unit / first.samples.unit
         if deviation.within:
             mirrored = sign < 0 and not (_is_achiral(first) or _is_achiral(second))
-            return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms)
+            placing = _placing(first, second, motion)
+            return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms, placing=placing)
         if variants and sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
             difference = _difference(first, second, motion, deviation)
-            variant = RigidCopy(scale, mirrored=False, residual=deviation.rms, difference=difference)
+            variant = RigidCopy(
+                scale,
+                mirrored=False,
+                residual=deviation.rms,
+                difference=difference,
+                placing=_placing(first, second, motion),
+            )
     return variant
+
+
+def _placing(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Similarity:
+    """Return the inverse of a transform at unit area, in the units of the files."""
+    back, ours, theirs = motion.inverse, first.samples, second.samples
+    scale = back.scale * ours.unit / theirs.unit
+    shift = ours.unit * back.shift + ours.centre - scale * back.rotation @ theirs.centre
+    return Similarity(scale, back.rotation, shift)
 
 
 def _is_achiral(surface: ProbedSurface) -> bool:
@@ -235,15 +258,24 @@ def _difference(
 ) -> Difference:
     unit, centre = first.samples.unit, first.samples.centre
     points = deviation.points * unit + centre
-    holes = first.curved.handles, second.curved.handles
+    theirs = motion.invert(second.curved.corners.reshape(-1, 3))
+    holes, volume = None, None
+    if first.curved.handles is not None and second.curved.handles is not None:
+        holes = first.curved.handles, second.curved.handles
+        if first.curved.volume > 0.0 and second.curved.volume > 0.0:
+            volume = second.curved.volume / (first.curved.volume * motion.scale**3)
     return Difference(
         point=_floats(points[0]),
         low=_floats(points.min(axis=0)),
         high=_floats(points.max(axis=0)),
         distance=deviation.largest * unit,
-        volume=second.curved.volume / (first.curved.volume * motion.scale**3),
+        extents=(
+            _floats(unit * np.ptp(first.curved.corners, axis=(0, 1))),
+            _floats(unit * np.ptp(theirs, axis=0)),
+        ),
+        volume=volume,
         area=1.0 / motion.scale**2,
-        through_holes=None if holes[0] is None or holes[1] is None else (holes[0], holes[1]),
+        through_holes=holes,
     )
 
 

@@ -65,6 +65,13 @@ class Similarity:
         """Transform points, shape (n, 3), by the inverse."""
         return np.asarray((points - self.shift) @ self.rotation / self.scale)
 
+    @property
+    def matrix(self) -> Floats:
+        """The matrix of the transform in homogeneous coordinates, shape (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.scale * self.rotation, self.shift
+        return matrix
+
 
 def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) -> Similarity:
     """Return the least-squares similarity transform of paired points (Umeyama 1991, Eqs. 39 to 43).

@@ -63,7 +63,8 @@ def _shape(argument: str) -> Compared:
 
 def _line(answer: CompareAnswer) -> str:
     scores = f"ssd {answer.ssd:.4f}, sim {answer.sim:.4f}, combined {answer.combined:.4f}"
-    return f"{likeness_in_words(answer.likeness, answer.scale)}: cc {score_in_words(answer.cc)}, {scores}"
+    likeness = likeness_in_words(answer.likeness, answer.scale, answer.difference)
+    return f"{likeness}: cc {score_in_words(answer.cc)}, {scores}"
 
 
 def duplicates_command(

@@ -90,7 +90,7 @@ def print_answer(console: "Console", answer: QueryAnswer) -> None:
         results.add_row(
             str(result.rank),
             shape.name,
-            likeness_in_words(result.likeness, result.scale),
+            likeness_in_words(result.likeness, result.scale, result.difference),
             score_in_words(result.cc),
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",

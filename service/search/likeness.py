@@ -20,8 +20,8 @@ from service.compute import tasks
 from service.container import Container
 from service.errors import ServiceError
 from service.observability.logging import get_logger
+from service.search.local_difference import LocalDifference
 from service.search.records import Surface, once
-from service.search.schemas import LocalDifference
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.storage.database import ReadSession
@@ -87,7 +87,8 @@ async def relation_of(
         bend=bent,
     )
     difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
-    return {"likeness": kind, "scale": scale, "difference": difference}
+    transform = copy and copy.placing.matrix.tolist()
+    return {"likeness": kind, "scale": scale, "transform": transform, "difference": difference}
 
 
 def _bend(first: Embedding, second: Embedding, parameters: Parameters) -> float:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
 from service.collection import CollectionNumber
+from service.search.local_difference import LocalDifference
 from service.shapes.fields import clean_id, split_tags
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh, Shape
@@ -85,7 +86,9 @@ def score_in_words(score: float) -> str:
     return f"{score:.{min(max(digits, LEAST_DIGITS), MOST_DIGITS)}f}"
 
 
-def likeness_in_words(likeness: Likeness, scale: float | None) -> str:
+def likeness_in_words(
+    likeness: Likeness, scale: float | None, difference: LocalDifference | None = None
+) -> str:
     """Return a likeness in words: "Same part, 1.5 times as large".
 
     Parameters
@@ -93,11 +96,14 @@ def likeness_in_words(likeness: Likeness, scale: float | None) -> str:
     likeness : Likeness
     scale : float or None
         Length in the second shape over length in the first; it is told where the sizes differ.
+    difference : LocalDifference or None
+        What it says follows.
     """
-    if likeness != "scaled" or scale is None:
-        return LIKENESS_WORDS[likeness]
-    # Three digits; the second format writes 1000 without an exponent.
-    return f"{LIKENESS_WORDS[likeness]}, {float(f'{scale:.3g}'):g} times as large"
+    words = LIKENESS_WORDS[likeness]
+    if scale is not None and copy_likeness(scale, mirrored=False) == "scaled":
+        # Three digits; the second format writes 1000 without an exponent.
+        words += f", {float(f'{scale:.3g}'):g} times as large"
+    return words if difference is None else f"{words}: {difference.text}"
 
 
 def _split(value: object) -> object:
@@ -202,29 +208,6 @@ class Pair(BaseModel):
     )
 
 
-Coordinates = tuple[float, float, float]
-
-
-class LocalDifference(BaseModel):
-    """Where two shapes differ that are rigid copies elsewhere, and how much."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    point: Coordinates = Field(description="Where they are farthest apart, in the first shape's coordinates.")
-    low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
-    high: Coordinates = Field(description="The corner of largest coordinates of this box.")
-    distance: float = Field(description="The largest distance of the two surfaces, in the first's units.")
-    volume: float = Field(
-        description="The volume of the second over that of the first, both in one size; it means little "
-        "for surfaces that are not closed."
-    )
-    area: float = Field(description="The area of the second over that of the first, both in one size.")
-    through_holes: tuple[int, int] | None = Field(
-        default=None,
-        description="The numbers of through holes of the first and of the second, if both are closed.",
-    )
-
-
 class PairScores(BaseModel):
     """The scores and the likeness of two shapes. The first shape of a search is the query."""
 
@@ -259,6 +242,11 @@ class PairScores(BaseModel):
         default=None,
         description="The size of the second shape over that of the first, if likeness is same, scaled, "
         "mirrored or variant.",
+    )
+    transform: list[list[float]] | None = Field(
+        default=None,
+        description="With scale: the matrix, 4 rows of 4, that maps the second shape onto the first, in "
+        "homogeneous coordinates of their files. Its determinant is negative for a reflection.",
     )
     difference: LocalDifference | None = Field(
         default=None,

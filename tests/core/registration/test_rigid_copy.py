@@ -26,7 +26,7 @@ from core.registration.rigid_copy import (
     may_be_copy,
     proportions,
 )
-from core.registration.similarity import RESIDUAL
+from core.registration.similarity import RESIDUAL, Similarity
 from tests.studies.copies import moved, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw
@@ -35,12 +35,15 @@ from tests.studies.machine_parts import Change, Drawing, Family, part
 PIPELINE = Pipeline()
 HAND = make_body("hand").posed(0)
 COARSER = make_body("hand", vertices=1800)
+UNCOMPARED = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
 def a_copy(scale: float, *, mirrored: bool, rel: float) -> RigidCopy:
     """Equal to each copy of about this scale that has no local difference."""
     within = pytest.approx(0.0, abs=RESIDUAL)
-    return RigidCopy(pytest.approx(scale, rel=rel), mirrored=mirrored, residual=within, difference=None)
+    return RigidCopy(
+        pytest.approx(scale, rel=rel), mirrored=mirrored, residual=within, difference=None, placing=UNCOMPARED
+    )
 
 
 embedded = PIPELINE.embed
@@ -103,6 +106,24 @@ def test_a_mirror_image_is_told_by_surfaces() -> None:
     assert by_samples(embedded(image)) is None
     assert by_surfaces(HAND, image) == told
     assert by_surfaces(HAND, moved(simplified(HAND), 6, scale=1.5, mirrored=True)) == told
+
+
+@pytest.mark.parametrize(("mirrored", "change"), [(False, None), (True, None), (False, "hole")])
+def test_the_transform_of_a_copy_or_a_variant_takes_it_back(mirrored: bool, change: Change | None) -> None:
+    first, second = part("bracket", Drawing(8, 0.05)), part("bracket", Drawing(8, 0.05, 0.37, change))
+    there = moved(second, 4, scale=2.5, mirrored=mirrored)
+    found = judged(first, there)
+    assert found is not None
+    assert (found.mirrored, found.difference is None) == (mirrored, change is None)
+    ends = np.column_stack([there.vertices, np.ones(len(there.vertices))])
+    assert np.abs((ends @ found.placing.matrix.T)[:, :3] - second.vertices).max() <= 0.02
+
+
+def test_the_transform_by_samples_takes_a_copy_back() -> None:
+    copy = moved(HAND, 1, scale=25.4)
+    found = by_samples(embedded(copy))
+    assert found is not None
+    assert np.abs(found.placing.apply(copy.vertices) - HAND.vertices).max() <= 1e-4
 
 
 def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.io import read_mesh
+from core.io import read_mesh, write_mesh
 from service.client import Client
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.support import small_file
+from tests.studies.machine_parts import Change, Drawing, part
+
+CHANGES: tuple[Change | None, ...] = (None, "hole")
 
 
 @pytest.fixture
@@ -33,6 +36,23 @@ def test_a_file_and_a_stored_shape(archive: Client, ball: Path, run: Run, tmp_pa
         assert arrays["confidence"].shape == (count,)
     with Image.open(tmp_path / "map.png") as picture:
         assert picture.size == (1024, 512)
+
+
+def test_a_variant_says_what_differs(archive: Client, run: Run, tmp_path: Path) -> None:
+    """Everywhere in the words of the service: compared, in the table of results and in the report."""
+    paths = [tmp_path / "three.stl", tmp_path / "four.stl"]
+    for path, change in zip(paths, CHANGES, strict=True):
+        path.write_bytes(write_mesh(part("plate", Drawing(8, 0.1, change=change)), "stl"))
+    differs = archive.compare(*paths).difference
+    assert differs is not None
+    assert differs.text.startswith("4 through holes instead of 3, at (14, ")
+    told = f"Variant: {differs.text}"
+    assert run("compare", *paths, "--url", archive.url).stdout.replace("\n", " ").startswith(f"{told}: cc ")
+    archive.upload(paths[1])
+    page = tmp_path / "report.html"
+    done = run("query", paths[0], "--html", page, "--url", archive.url)
+    assert all(word in done.stdout for word in told.split())
+    assert told in page.read_text(encoding="utf-8")
 
 
 def test_json_is_the_services_answer(archive: Client, ball: Path, run: Run, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 from starlette.concurrency import run_in_threadpool
 
@@ -79,6 +80,15 @@ def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
     assert found["simplified"]["scale"] == pytest.approx(1.0, rel=0.01)
     assert all(found[name]["scale"] is None for name in ("posed", "cup", "plane"))
     assert found["mirrored"]["scale"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_the_transform_of_a_copy_takes_it_back(found: dict[str, dict[str, Any]]) -> None:
+    for name in ("turned", "larger", "mirrored"):
+        vertices = STORED[name].vertices
+        ends = np.column_stack([vertices, np.ones(len(vertices))])
+        back = ends @ np.array(found[name]["transform"]).T
+        assert np.abs(back[:, :3] - OCTOPUS.vertices).max() <= 0.002 * np.ptp(OCTOPUS.vertices)
+    assert found["posed"]["transform"] is None
 
 
 def test_every_way_to_ask_tells_the_same(stocked: Running, found: dict[str, dict[str, Any]]) -> None:

@@ -1,0 +1,104 @@
+"""Where two shapes differ that are rigid copies elsewhere, and how much, in numbers and in words."""
+
+import math
+
+from pydantic import BaseModel, ConfigDict, Field, computed_field
+
+Coordinates = tuple[float, float, float]
+
+EXTENT = 0.5
+"""Extents differ if they do by more than this share of the largest distance; chord errors are less."""
+
+LEAST_RATIO = 5e-5
+"""Ratios of volumes, and of areas, nearer to 1 are told as equal."""
+
+
+class LocalDifference(BaseModel):
+    """Where two shapes differ that are rigid copies elsewhere, and how much."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    point: Coordinates = Field(description="Where they are farthest apart, in the first shape's coordinates.")
+    low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
+    high: Coordinates = Field(description="The corner of largest coordinates of this box.")
+    distance: float = Field(description="The largest distance of the two surfaces, in the first's units.")
+    extents: tuple[Coordinates, Coordinates] = Field(
+        description="The lengths of the first and of the second along the first's axes, in the first's "
+        "units, both in one size."
+    )
+    volume: float | None = Field(
+        default=None,
+        description="The volume of the second over that of the first, both in one size, if both are closed.",
+    )
+    area: float = Field(description="The area of the second over that of the first, both in one size.")
+    through_holes: tuple[int, int] | None = Field(
+        default=None,
+        description="The numbers of through holes of the first and of the second, if both are closed.",
+    )
+
+    @computed_field(  # type: ignore[prop-decorator]
+        description="How the second differs from the first, in words: through holes, lengths or the largest "
+        "distance; the middle and the size of the box; the volume, or the area of open surfaces."
+    )
+    @property
+    def text(self) -> str:
+        """The difference in words: "4 through holes instead of 3, at (10, 5, 0), ..."."""
+        middle = [0.5 * (low + high) for low, high in zip(self.low, self.high, strict=True)]
+        sides = [high - low for low, high in zip(self.low, self.high, strict=True)]
+        digits = _digits(self.distance)
+        place = ", ".join(_rounded(value, digits) for value in middle)
+        box = " × ".join(_rounded(value, digits) for value in sides)
+        more = f"{_more(self.area)} area" if self.volume is None else f"{_more(self.volume)} volume"
+        changes = self._holes() + self._lengths() or [
+            f"surfaces up to {_rounded(self.distance, digits)} apart"
+        ]
+        return f"{', '.join(changes)}, at ({place}), in a box of {box}; {more}"
+
+    def reverse(self) -> "LocalDifference":
+        """Return how the first differs from the second, in the coordinates of the first."""
+        holes, (ours, theirs) = self.through_holes, self.extents
+        return self.model_copy(
+            update={
+                "extents": (theirs, ours),
+                "volume": self.volume and 1.0 / self.volume,
+                "area": 1.0 / self.area,
+                "through_holes": holes and (holes[1], holes[0]),
+            }
+        )
+
+    def _holes(self) -> list[str]:
+        """Return what the numbers of through holes say: nothing if they are equal or unknown."""
+        before, after = self.through_holes or (0, 0)
+        holes = f"{after or 'no'} through hole{'' if after == 1 else 's'}"
+        return [] if before == after else [f"{holes} instead of {before or 'none'}"]
+
+    def _lengths(self) -> list[str]:
+        """Return the axes along which the two have other lengths."""
+        told = []
+        for axis, before, after in zip("xyz", *self.extents, strict=True):
+            change = abs(after - before)
+            if change > EXTENT * self.distance:
+                digits = _digits(change)
+                length, now, then = (_rounded(value, digits) for value in (change, after, before))
+                longer = "longer" if after > before else "shorter"
+                told.append(f"{length} {longer} in {axis} ({now} instead of {then})")
+        return told
+
+
+def _digits(size: float) -> int:
+    """Return the decimals that show two digits of a size."""
+    return 1 - math.floor(math.log10(size)) if size > 0.0 else 0
+
+
+def _rounded(value: float, digits: int) -> str:
+    # Adding 0 turns -0 into 0.
+    text = f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
+    return text.rstrip("0").rstrip(".") if digits > 0 else text
+
+
+def _more(ratio: float) -> str:
+    """Return "2.1 % less" for 0.979."""
+    change = abs(ratio - 1.0)
+    if change < LEAST_RATIO:
+        return "equal"
+    return f"{_rounded(100.0 * change, _digits(100.0 * change))} % {'more' if ratio > 1.0 else 'less'}"
