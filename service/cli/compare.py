@@ -11,7 +11,7 @@ from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import calls
 from service.client.calls import Compared
 from service.console import fail, output, progress, say, table
-from service.duplicates.schemas import DuplicatesAnswer
+from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import likeness_in_words, score_in_words
 
@@ -73,6 +73,10 @@ def duplicates_command(
         float | None,
         typer.Option(help="Largest distance of two aligned surfaces, over the square root of the area."),
     ] = None,
+    scaled: Annotated[bool, typer.Option("--scaled", help="Also join copies of other sizes.")] = False,
+    mirrored: Annotated[
+        bool, typer.Option("--mirrored/--no-mirrored", help="Whether mirror images are copies.")
+    ] = True,
     variants: Annotated[
         bool, typer.Option("--variants", help="Also join rigid copies but for a local difference.")
     ] = False,
@@ -86,10 +90,17 @@ def duplicates_command(
 ) -> None:
     """Find groups of near-identical stored shapes.
 
-    Copies may be rotated, scaled, mirrored or remeshed.
+    Copies may be rotated, mirrored or remeshed.
     """
     with service_at(url, key, collection) as client:
-        ask = partial(client.duplicates, max_residual=max_residual, variants=variants, tag=tag or [])
+        ask = partial(
+            client.duplicates,
+            max_residual=max_residual,
+            scaled=scaled,
+            mirrored=mirrored,
+            variants=variants,
+            tag=tag or [],
+        )
         answer = ask()
         with progress() as bar:
             total = answer.unjudged
@@ -109,11 +120,22 @@ def duplicates_command(
     say(f"{grouped} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
 
 
+def _difference(member: Duplicate, group: list[Duplicate]) -> list[str]:
+    """Return the difference of a variant in words, and from which shape if that is not the first."""
+    if member.difference is None:
+        return []
+    first = member.compared_with == group[0].shape.id
+    return [member.difference.text + ("" if first else f"; compared with {member.compared_with}")]
+
+
 def _print_groups(answer: DuplicatesAnswer) -> None:
     columns = (">group", "name", "likeness", ">scale", ">cc", ">residual")
-    groups = table(*columns)
+    differ = any(member.difference is not None for group in answer.groups for member in group)
+    groups = table(*columns, *(["difference"] if differ else []))
     for number, group in enumerate(answer.groups, 1):
         for member in group:
             numbers = f"{member.scale:.4g}", score_in_words(member.cc), f"{member.residual:.4f}"
-            groups.add_row(str(number), member.shape.name, member.likeness, *numbers)
+            groups.add_row(
+                str(number), member.shape.name, member.likeness, *numbers, *_difference(member, group)
+            )
     output().print(groups)

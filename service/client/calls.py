@@ -256,14 +256,18 @@ def _compared(
 def duplicates(
     *,
     max_residual: float | None = None,
+    scaled: bool | None = None,
+    mirrored: bool | None = None,
     variants: bool | None = None,
     **filters: Unpack[Filters],
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
 
-    With `variants`, rigid copies but for a local difference join groups too.
+    With `scaled`, copies of other sizes join groups too; with `variants`, rigid copies but for a local
+    difference; without `mirrored`, mirror images do not.
     """
-    params = _filtered(filters) | given(max_residual=max_residual, variants=variants)
+    options = given(max_residual=max_residual, scaled=scaled, mirrored=mirrored, variants=variants)
+    params = _filtered(filters) | options
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
 
 

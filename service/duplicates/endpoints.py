@@ -9,7 +9,7 @@ from core.registration.similarity import RESIDUAL
 from service.collections.endpoints import InCollection, NamedInAddress
 from service.container import Service
 from service.duplicates import service
-from service.duplicates.groups import Search
+from service.duplicates.groups import Counted, Search
 from service.duplicates.schemas import DuplicatesAnswer
 from service.http.middleware import while_connected
 from service.http.problems import documented
@@ -34,6 +34,12 @@ class DuplicatesOptions(NamedInAddress, Filters):
         description="The largest distance of two surfaces after the best rotation, reflection and scaling: "
         "the root mean square distance over both directions, over the square root of the area. Shapes are "
         "judged with the default, so that no higher value is possible.",
+    )
+    scaled: bool = Field(
+        default=False, description="Also join copies, and variants, of other sizes: size counts otherwise."
+    )
+    mirrored: bool = Field(
+        default=True, description="Also join mirror images; without, both hands of a part are two parts."
     )
     variants: bool = Field(
         default=False,
@@ -70,11 +76,11 @@ async def duplicates(
     container: Service,
     collection: InCollection,
 ) -> DuplicatesAnswer | Response:
-    """Find groups of shapes with one rigid form: rotated, moved, scaled, mirrored or remeshed copies.
+    """Find groups of shapes with one rigid form: rotated, moved, mirrored or remeshed copies.
 
-    Two poses of one body are not duplicates. The service judges stored shapes while it is idle, and keeps the
-    pairs. A request judges missing shapes, and begins no further one after 20 seconds; `unjudged` says how
-    many remain.
+    Copies of other sizes are duplicates with `scaled`, and two poses of one body never are. The service
+    judges stored shapes while it is idle, and keeps the pairs. A request judges missing shapes, and begins no
+    further one after 20 seconds; `unjudged` says how many remain.
     """
     timings = Timings()
     shapes = options.filtered(collection.number)
@@ -82,7 +88,8 @@ async def duplicates(
     async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
         fingerprint = active_pipeline.fingerprint
         bounds = Search(fingerprint, options.variants, options.max_residual)
-        return await service.find(container, shapes, bounds, active_pipeline, timings)
+        counted = Counted(options.scaled, options.mirrored)
+        return await service.find(container, shapes, bounds, counted, active_pipeline, timings)
 
     async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, find_groups))

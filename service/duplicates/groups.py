@@ -3,16 +3,19 @@
 from collections import deque
 from collections.abc import Set
 from dataclasses import dataclass
+from typing import Any
 
 from core.ranking.likeness import Copy, copy_likeness
 from core.registration.similarity import RESIDUAL
+from service.search.local_difference import LocalDifference
 
 
 @dataclass(frozen=True)
 class Link:
     """Two near-identical shapes, by number; lengths in the second are `scale` times those in the first.
 
-    A `variant` differs locally.
+    A `variant` differs locally: `difference` has the fields of a `LocalDifference` in the coordinates of the
+    first.
     """
 
     first: int
@@ -22,6 +25,7 @@ class Link:
     scale: float
     mirrored: bool
     variant: bool = False
+    difference: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -34,14 +38,29 @@ class Search:
 
 
 @dataclass(frozen=True)
+class Counted:
+    """Which copies count as duplicates besides those of one size: scaled ones, and mirror images."""
+
+    scaled: bool = False
+    mirrored: bool = True
+
+
+@dataclass(frozen=True)
 class GroupMember:
-    """A shape of a group, its relation to the first shape, and the cc and residual of its link."""
+    """A shape of a group, its relation to the first shape, and the cc and residual of its link.
+
+    `mirrored` tells whether it is a mirror image of the first shape or a variant of one. The `difference` of
+    a variant is that from the shape `compared_with`: the first shape if a link joins the two.
+    """
 
     shape: int
-    likeness: Copy
-    scale: float
-    cc: float
-    residual: float
+    likeness: Copy = "same"
+    scale: float = 1.0
+    cc: float = 1.0
+    residual: float = 0.0
+    mirrored: bool = False
+    difference: LocalDifference | None = None
+    compared_with: int | None = None
 
 
 class Groups:
@@ -62,20 +81,36 @@ class Groups:
         self._links.setdefault(link.first, []).append(link)
         self._links.setdefault(link.second, []).append(link)
 
-    def members(self, shown: Set[int]) -> list[list[GroupMember]]:
+    def members(self, shown: Set[int], counted: Counted) -> list[list[GroupMember]]:
         """Return some shapes in groups of two or more; groups and their members are sorted by number.
 
-        Scale, mirroring and local differences of a member are composed along the links from the first shown
-        shape of its group; links through shapes that are not shown count too.
+        Scale, mirroring and local differences of a member are composed along the links from the first shape
+        of its group; links through shapes that are not shown, or do not count, count too.
         """
         done: set[int] = set()
         groups = []
         for shape in sorted(shown & self._links.keys()):
             if shape not in done:
-                group = [member for member in self._from(shape) if member.shape in shown]
-                done |= {member.shape for member in group}
-                groups.append(group)
-        return [group for group in groups if len(group) > 1]
+                joined = [member for member in self._from(shape) if member.shape in shown]
+                done |= {member.shape for member in joined}
+                groups += self._counted(joined, counted)
+        return sorted(groups, key=lambda group: group[0].shape)
+
+    def _counted(self, joined: list[GroupMember], counted: Counted) -> list[list[GroupMember]]:
+        """Return the groups of two or more, by size and hand, of shapes that links join."""
+        groups = []
+        while len(joined) > 1:
+            first = joined[0]
+            alike = {
+                member.shape
+                for member in joined
+                if (counted.scaled or copy_likeness(member.scale / first.scale, mirrored=False) == "same")
+                and (counted.mirrored or member.mirrored == first.mirrored)
+            }
+            if len(alike) > 1:
+                groups.append([member for member in self._from(first.shape) if member.shape in alike])
+            joined = [member for member in joined if member.shape not in alike]
+        return groups
 
     def _root(self, shape: int) -> int:
         while (parent := self._parents.get(shape, shape)) != shape:
@@ -86,18 +121,35 @@ class Groups:
     def _from(self, first: int) -> list[GroupMember]:
         """Return the group of a shape; the path to a member has as few variants as possible."""
         members: dict[int, GroupMember] = {}
-        pending = deque([(GroupMember(first, "same", 1.0, 1.0, 0.0), False, False)])
+        pending = deque([GroupMember(first)])
         while pending:
-            member, mirrored, variant = pending.popleft()
+            member = pending.popleft()
             if member.shape in members:
                 continue
             members[member.shape] = member
             for link in self._links[member.shape]:
-                forward = link.first == member.shape
-                shape = link.second if forward else link.first
-                scale = member.scale * (link.scale if forward else 1.0 / link.scale)
-                reflected, differs = mirrored != link.mirrored, variant or link.variant
-                likeness = copy_likeness(scale, mirrored=reflected, variant=differs)
-                neighbour = GroupMember(shape, likeness, scale, link.cc, link.residual)
-                (pending.append if link.variant else pending.appendleft)((neighbour, reflected, differs))
+                (pending.append if link.variant else pending.appendleft)(_neighbour(member, link))
         return [members[shape] for shape in sorted(members)]
+
+
+def _neighbour(member: GroupMember, link: Link) -> GroupMember:
+    """Return the other shape of a link of a member, relative to the first shape of its group."""
+    forward = link.first == member.shape
+    scale = member.scale * (link.scale if forward else 1.0 / link.scale)
+    mirrored = member.mirrored != link.mirrored
+    difference, compared_with = member.difference, member.compared_with
+    if link.difference is not None:
+        difference = LocalDifference.model_validate(link.difference)
+        difference, compared_with = difference if forward else difference.reverse(), member.shape
+    return GroupMember(
+        shape=link.second if forward else link.first,
+        likeness=copy_likeness(
+            scale, mirrored=mirrored, variant=link.variant or member.likeness == "variant"
+        ),
+        scale=scale,
+        cc=link.cc,
+        residual=link.residual,
+        mirrored=mirrored,
+        difference=difference,
+        compared_with=compared_with,
+    )

@@ -4,7 +4,7 @@ Two shapes are registered by their records, or by their files where the records 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,8 +157,16 @@ class ShapeJudge:
             log.warning("two shapes cannot be aligned: %s", error)
             return
         if copy is not None and copy.residual <= self.search.max_residual:
-            variant = copy.difference is not None
-            link = Link(first, second, cc, copy.residual, copy.scale, copy.mirrored, variant)
+            link = Link(
+                first,
+                second,
+                cc,
+                copy.residual,
+                copy.scale,
+                copy.mirrored,
+                variant=copy.difference is not None,
+                difference=None if copy.difference is None else asdict(copy.difference),
+            )
             groups.join(link)
             self._links.append(link)
 

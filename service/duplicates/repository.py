@@ -27,6 +27,7 @@ LINK = (
     DuplicatePairRow.scale,
     DuplicatePairRow.mirrored,
     DuplicatePairRow.variant,
+    DuplicatePairRow.difference,
 )
 """The columns of the fields of a link, in their order."""
 

@@ -6,9 +6,10 @@ import io
 from pydantic import BaseModel, Field
 
 from core.ranking.likeness import Likeness
+from service.search.local_difference import LocalDifference
 from service.shapes.schemas import Shape
 
-COLUMNS = ("group", "id", "name", "likeness", "scale", "cc", "residual")
+COLUMNS = ("group", "id", "name", "likeness", "scale", "cc", "residual", "difference", "compared_with")
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
@@ -19,13 +20,22 @@ class Duplicate(BaseModel):
 
     shape: Shape
     likeness: Likeness = Field(
-        description="same: rotated, moved or remeshed; scaled: of another size; mirrored: a mirror image of "
-        "any size. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. "
+        description="same: rotated, moved or remeshed; scaled, if asked for: of another size; mirrored: a "
+        "mirror image. A mirror image that is also a rotation, as of a symmetric shape, is same or scaled. "
         "variant, if variants are asked for: differs locally. The other values do not occur here."
     )
     scale: float = Field(description="The size of the shape over that of the first.")
     cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
+    difference: LocalDifference | None = Field(
+        default=None,
+        description="If likeness is variant: what the shape has that the shape `compared_with` has not. The "
+        "coordinates are those of the older of the two.",
+    )
+    compared_with: str | None = Field(
+        default=None,
+        description="With difference: the id of the shape that it compares with, mostly the first.",
+    )
 
 
 class DuplicatesAnswer(BaseModel):
@@ -47,13 +57,14 @@ class DuplicatesAnswer(BaseModel):
 
         An apostrophe precedes a name that a spreadsheet would take for a formula.
         """
-        text = io.StringIO()
-        rows = csv.writer(text)
+        table = io.StringIO()
+        rows = csv.writer(table)
         rows.writerow(COLUMNS)
         for number, group in enumerate(self.groups, 1):
             for duplicate in group:
                 shape, scale = duplicate.shape, f"{duplicate.scale:.6g}"
                 name = f"'{shape.name}" if shape.name.startswith(FORMULA) else shape.name
+                text = "" if duplicate.difference is None else duplicate.difference.text
                 cells = duplicate.likeness, scale, duplicate.cc, duplicate.residual
-                rows.writerow([number, shape.id, name, *cells])
-        return text.getvalue()
+                rows.writerow([number, shape.id, name, *cells, text, duplicate.compared_with])
+        return table.getvalue()

@@ -13,7 +13,7 @@ from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
 from service.duplicates import repository
-from service.duplicates.groups import Groups, Search
+from service.duplicates.groups import Counted, Groups, Search
 from service.duplicates.judging import ShapeJudge
 from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
@@ -45,14 +45,15 @@ async def find(
     container: Container,
     shapes: ShapeFilter,
     bounds: Search,
+    counted: Counted,
     active_pipeline: ActivePipeline,
     timings: Timings,
 ) -> DuplicatesAnswer:
     """Find the groups of near-identical shapes.
 
     Shapes that are not judged yet are judged first, for about `JUDGING_SECONDS`, where the archive can be
-    written to. The kept pairs within the bounds join the shapes of the whole collection; the filter chooses
-    among the members of the groups.
+    written to. The kept pairs within the bounds join the shapes of the whole collection; the filter, sizes
+    and hands that count choose among the members of the groups.
     """
     kinds = (False, True) if bounds.variants else (False,)
     searches = [Search(bounds.fingerprint, variants) for variants in kinds]
@@ -65,20 +66,26 @@ async def find(
             log.warning("the shapes are judged later: %s", error)
 
     with timings.stage("results"):
-        answer = await container.database.reading(_report, searches, shapes, bounds)
+        answer = await container.database.reading(_report, searches, shapes, bounds, counted)
     return answer.model_copy(update={"milliseconds": timings.so_far()})
 
 
 def _report(
-    session: ReadSession, searches: Sequence[Search], wanted: ShapeFilter, bounds: Search
+    session: ReadSession,
+    searches: Sequence[Search],
+    wanted: ShapeFilter,
+    bounds: Search,
+    counted: Counted,
 ) -> DuplicatesAnswer:
     collection = wanted.collection
     shapes = repository.embedded(session, bounds.fingerprint, wanted)
     groups = Groups()
     for link in repository.links_of(session, collection, bounds):
         groups.join(link)
-    members = groups.members(shapes)
-    numbers = sorted({member.shape for group in members for member in group})
+    members = groups.members(shapes, counted)
+    shown = [member for group in members for member in group]
+    compared_with = {member.compared_with for member in shown if member.compared_with is not None}
+    numbers = sorted({member.shape for member in shown} | compared_with)
     records = {
         record.number: record
         for start in range(0, len(numbers), RECORDS_AT_ONCE)
@@ -87,7 +94,18 @@ def _report(
     compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
     return DuplicatesAnswer(
         groups=[
-            [Duplicate(**vars(member) | {"shape": Shape.of(records[member.shape])}) for member in group]
+            [
+                Duplicate(
+                    shape=Shape.of(records[member.shape]),
+                    likeness=member.likeness,
+                    scale=member.scale,
+                    cc=member.cc,
+                    residual=member.residual,
+                    difference=member.difference,
+                    compared_with=records[member.compared_with].id if member.compared_with else None,
+                )
+                for member in group
+            ]
             for group in members
         ],
         shapes=len(shapes),

@@ -7,6 +7,7 @@ __all__ = [
     "compare_schemas",
     "endpoints",
     "likeness",
+    "local_difference",
     "map",
     "records",
     "repository",

@@ -259,7 +259,8 @@ class DuplicatePairRow(Table):
     """Two shapes of one collection of which the second is a rigid copy, or a variant, of the first.
 
     `fingerprint` identifies the pipeline that computed `cc`. `residual` is their distance after registration
-    over the root of the area, and `scale` a length in the second over that in the first.
+    over the root of the area, and `scale` a length in the second over that in the first. A variant has the
+    `difference` of the second, as `core.registration.rigid_copy.Difference` names its fields.
     """
 
     __tablename__ = "duplicate_pairs"
@@ -277,6 +278,7 @@ class DuplicatePairRow(Table):
     scale: Mapped[float]
     mirrored: Mapped[bool]
     variant: Mapped[bool]
+    difference: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
 
 
 class JudgedShapeRow(Table):

@@ -87,7 +87,7 @@ def apart(first: Mesh, second: Mesh) -> float:
 
 def complete(running: Running) -> dict[str, Any]:
     """Return the report when all shapes are judged."""
-    while (answer := running.client.get("/duplicates").json())["unjudged"]:
+    while (answer := running.client.get("/duplicates", params={"scaled": True}).json())["unjudged"]:
         pass
     return dict(answer)
 

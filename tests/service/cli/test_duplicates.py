@@ -10,7 +10,10 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
 from service.duplicates import service
+from service.duplicates.schemas import COLUMNS
 from tests.service.cli.conftest import Run, mesh_bytes
+from tests.studies.copies import moved
+from tests.studies.machine_parts import Drawing, part
 
 
 def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
@@ -18,7 +21,9 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
     archive.upload(("a cup.off", mesh_bytes("cup", 0)), tags=["first"])
     archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
     archive.upload(("larger.off", write_mesh(Mesh(2.0 * cup.vertices, cup.faces), "off")))
-    done = run("duplicates", "--url", archive.url)
+    alone = run("duplicates", "--csv", "--url", archive.url)
+    assert alone.stdout == f"{','.join(COLUMNS)}\n"
+    done = run("duplicates", "--scaled", "--url", archive.url)
     assert done.status == 0
     lines = [line.split() for line in done.stdout.splitlines() if line.strip(" ─")]
     assert lines[0] == ["group", "name", "likeness", "scale", "cc", "residual"]
@@ -26,13 +31,38 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
     assert lines[2] == ["1", "larger.off", "scaled", "2", "1.0000", "0.0000"]
     assert len(lines) == 3
     assert "2 of 3 shapes in 1 groups" in done.stderr
-    rows = list(csv.DictReader(io.StringIO(run("duplicates", "--csv", "--url", archive.url).stdout)))
+    rows = list(
+        csv.DictReader(io.StringIO(run("duplicates", "--scaled", "--csv", "--url", archive.url).stdout))
+    )
     assert [(row["name"], row["likeness"]) for row in rows] == [
         ("a cup.off", "same"),
         ("larger.off", "scaled"),
     ]
-    few = run("duplicates", "--tag", "first", "--csv", "--url", archive.url)
-    assert few.stdout == "group,id,name,likeness,scale,cc,residual\n"
+    few = run("duplicates", "--scaled", "--tag", "first", "--csv", "--url", archive.url)
+    assert few.stdout == alone.stdout
+
+
+def test_the_hands_of_a_part_and_its_variants(archive: Client, run: Run) -> None:
+    bracket = part("bracket", Drawing(6, 0.1))
+    meshes = {
+        "left": bracket,
+        "right": moved(bracket, 1, mirrored=True),
+        "hole": part("bracket", Drawing(6, 0.1, change="hole")),
+    }
+    for name, mesh in meshes.items():
+        archive.upload((f"{name}.stl", write_mesh(mesh, "stl")))
+
+    def names(*options: str) -> list[str]:
+        table = run("duplicates", *options, "--csv", "--url", archive.url).stdout
+        return [row["name"] for row in csv.DictReader(io.StringIO(table))]
+
+    assert names() == ["left.stl", "right.stl"]
+    assert names("--no-mirrored") == []
+    assert names("--no-mirrored", "--variants") == ["left.stl", "hole.stl"]
+    done = run("duplicates", "--variants", "--url", archive.url)
+    differs = archive.duplicates(variants=True, mirrored=False).groups[0][1].difference
+    assert differs is not None
+    assert all(word in done.stdout for word in differs.text.split())
 
 
 def test_the_command_asks_until_all_shapes_are_judged(
@@ -43,5 +73,5 @@ def test_the_command_asks_until_all_shapes_are_judged(
         archive.upload((f"{scale}.off", write_mesh(Mesh(scale * cup.vertices, cup.faces), "off")))
     monkeypatch.setattr(service, "JUDGING_SECONDS", 0.001)
     assert archive.duplicates().unjudged
-    done = run("duplicates", "--url", archive.url)
+    done = run("duplicates", "--scaled", "--url", archive.url)
     assert "3 of 3 shapes in 1 groups" in done.stderr

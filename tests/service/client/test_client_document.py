@@ -76,6 +76,8 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         (),
         {
             "max_residual": 0.002,
+            "scaled": True,
+            "mirrored": False,
             "variants": True,
             "tag": ["a"],
             "name": "x",

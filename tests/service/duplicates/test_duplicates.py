@@ -4,6 +4,7 @@ import csv
 import io
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from sqlalchemy import delete
@@ -18,16 +19,17 @@ from core.parameters import Parameters
 from core.registration.similarity import RESIDUAL
 from service.client import Client
 from service.compute import tasks
-from service.duplicates.groups import Groups, Link
+from service.duplicates.groups import Counted, Groups, Link
 from service.duplicates.schemas import COLUMNS, FORMULA, Duplicate, DuplicatesAnswer
 from service.search import scoring
 from service.shapes.schemas import SHAPE, Shape
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
 from tests.people import make_person
 from tests.service.http.test_disconnects import send
-from tests.service.support import Running, assert_problem, wait_until
+from tests.service.support import Running, assert_problem, wait_until, working_in
 from tests.service.tasks import nap_instead, napping
 from tests.studies.copies import moved, simplified
+from tests.studies.machine_parts import Drawing, part
 
 BODIES = {
     **{f"person-{pose}": make_person(0, pose) for pose in range(3)},
@@ -73,7 +75,7 @@ def unjudge(running: Running) -> None:
 
 def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> None:
     with Client(str(planted.client.base_url)) as client:
-        answer = client.duplicates()
+        answer = client.duplicates(scaled=True)
     assert answer.shapes == len(BODIES) + len(PLANTED)
     found = {(group[0].shape.name, one.shape.name): one for group in answer.groups for one in group[1:]}
     assert set(found) == {(f"{of}.off", f"{name}.off") for name, (of, *_) in PLANTED.items()}
@@ -85,11 +87,26 @@ def test_every_copy_is_found_and_no_pose_is_taken_for_one(planted: Running) -> N
         assert one.cc >= 0.98
 
 
+@pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_size_counts_unless_told_otherwise_and_hands_count_if_told(
+    planted: Running, scaled: bool, mirrored: bool
+) -> None:
+    asked = {"scaled": True} if scaled else {}
+    asked |= {} if mirrored else {"mirrored": False}
+    groups = planted.client.get("/duplicates", params=asked).json()["groups"]
+    assert {one["shape"]["name"] for group in groups for one in group[1:]} == {
+        f"{name}.off"
+        for name, (_, _, likeness, scale) in PLANTED.items()
+        if (scaled or scale == 1.0) and (mirrored or likeness != "mirrored")
+    }
+
+
 def test_as_csv(planted: Running) -> None:
     answer = planted.client.get("/duplicates", params={"format": "csv", "name": "plane"})
     assert answer.headers["content-type"].startswith("text/csv")
     assert answer.text == ",".join(COLUMNS) + "\r\n"
-    whole = planted.client.get("/duplicates", params={"format": "csv"})
+    whole = planted.client.get("/duplicates", params={"format": "csv", "scaled": True})
     rows = list(csv.DictReader(io.StringIO(whole.text)))
     assert len(rows) == len(BODIES) + len(PLANTED)
     assert {row["name"] for row in rows if row["likeness"] == "mirrored"} == {
@@ -150,7 +167,7 @@ def test_filters_and_bounds(planted: Running) -> None:
 
 def test_stricter_limits_choose_among_the_kept_pairs(planted: Running) -> None:
     def pairs(**limits: float) -> dict[str, float]:
-        groups = planted.client.get("/duplicates", params=limits).json()["groups"]
+        groups = planted.client.get("/duplicates", params={"scaled": True, **limits}).json()["groups"]
         return {one["shape"]["name"]: one["residual"] for group in groups for one in group[1:]}
 
     everything = pairs()
@@ -173,7 +190,7 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     groups.join(Link(7, 9, 1.0, 0.0, 1.0, mirrored=False))
     assert groups.joined(1, 2)
     assert not groups.joined(1, 9)
-    first, second = groups.members({1, 2, 3, 7, 9, 11})
+    first, second = groups.members({1, 2, 3, 7, 9, 11}, Counted(scaled=True))
     assert [(one.shape, one.likeness, one.scale) for one in first] == [
         (1, "same", 1.0),
         (2, "scaled", 2.0),
@@ -181,5 +198,75 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     ]
     assert [one.shape for one in second] == [7, 9]
     # A shape that is not shown still joins the others.
-    (through,) = groups.members({1, 2, 9})
+    (through,) = groups.members({1, 2, 9}, Counted(scaled=True))
     assert [(one.shape, one.likeness, one.scale) for one in through] == [(1, "same", 1.0), (2, "scaled", 2.0)]
+
+
+def test_a_group_of_copies_falls_apart_by_size_and_hand() -> None:
+    """Two sizes, two hands: only the oldest of each size is compared with the first."""
+    groups = Groups()
+    for shape, scale, mirrored in ((3, 2.0, False), (4, 1.01, False), (5, 1.0, True), (6, 2.0, True)):
+        groups.join(Link(1, shape, 1.0, 0.0, scale, mirrored))
+    groups.join(Link(2, 6, 1.0, 0.0, 1.0, mirrored=True))
+
+    def found(**counted: bool) -> list[list[tuple[int, str]]]:
+        members = groups.members({1, 2, 3, 4, 5, 6}, Counted(**counted))
+        return [[(one.shape, one.likeness) for one in group] for group in members]
+
+    assert found() == [
+        [(1, "same"), (4, "same"), (5, "mirrored")],
+        [(2, "same"), (3, "same"), (6, "mirrored")],
+    ]
+    assert found(mirrored=False) == [[(1, "same"), (4, "same")], [(2, "same"), (3, "same")]]
+    (hand, other) = found(scaled=True, mirrored=False)
+    assert [shape for shape, _ in hand] == [1, 2, 3, 4]
+    assert other == [(5, "same"), (6, "scaled")]
+    assert len(*found(scaled=True)) == 6
+
+
+def difference(before: int, after: int) -> dict[str, Any]:
+    """A difference of variants by its numbers of through holes."""
+    here = (10.0, 5.0, 3.0)
+    corners = {"point": here, "low": here, "high": here, "extents": (here, here)}
+    return {**corners, "distance": 2.0, "volume": 0.5, "area": 1.0, "through_holes": (before, after)}
+
+
+def test_a_variant_has_the_difference_along_its_link_or_that_of_its_copy() -> None:
+    groups = Groups()
+    groups.join(Link(1, 4, 0.9, 0.001, 1.0, mirrored=False, variant=True, difference=difference(3, 4)))
+    groups.join(Link(3, 4, 1.0, 0.0, 1.0, mirrored=False))
+    # The pair of the first with this shape is not kept.
+    groups.join(Link(2, 3, 0.9, 0.001, 1.0, mirrored=False, variant=True, difference=difference(5, 4)))
+    (group,) = groups.members({1, 2, 3, 4}, Counted())
+    assert [(one.shape, one.likeness, one.compared_with) for one in group] == [
+        (1, "same", None),
+        (2, "variant", 3),
+        (3, "variant", 1),
+        (4, "variant", 1),
+    ]
+    texts = [one.difference.text for one in group if one.difference is not None]
+    holes = ["5 through holes instead of 4", *["4 through holes instead of 3"] * 2]
+    assert [text.partition(",")[0] for text in texts] == holes
+    assert texts[0].endswith("100 % more volume")
+
+
+def test_a_variant_of_a_group_says_what_differs(planted: Running) -> None:
+    with working_in(planted, "plates") as plates:
+        for number, change in enumerate(("hole", None, None)):
+            mesh = part("plate", Drawing(8, 0.1, 0.3 * number, change))
+            plates.store(write_mesh(moved(mesh, number), "stl"), f"{number}.stl")
+        (group,) = plates.client.get("/duplicates", params={"variants": True}).json()["groups"]
+        first, *others = group
+        compared = {"first": first["shape"]["id"], "second": others[0]["shape"]["id"]}
+        told = plates.client.post("/compare", json=compared).json()["difference"]
+        table = plates.client.get("/duplicates", params={"variants": True, "format": "csv"}).text
+        plates.clear()
+    assert planted.client.delete("/collections/plates").status_code == 204
+    assert first["difference"] is None
+    assert told["text"].startswith("3 through holes instead of 4, at (")
+    assert others[0]["difference"] == told
+    for one in others:
+        assert (one["likeness"], one["compared_with"]) == ("variant", first["shape"]["id"])
+        assert one["difference"]["text"].startswith("3 through holes instead of 4, at (")
+    rows = list(csv.DictReader(io.StringIO(table, newline="")))
+    assert [row["difference"] for row in rows] == ["", *(one["difference"]["text"] for one in others)]

@@ -68,8 +68,8 @@ def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
     copies, with_variants = groups_by_force(running.container)
     assert len(copies) >= 2
     assert copies != with_variants
-    assert groups(running) == copies
-    assert groups(running, variants=True) == with_variants
+    assert groups(running, scaled=True) == copies
+    assert groups(running, scaled=True, variants=True) == with_variants
 
 
 def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
