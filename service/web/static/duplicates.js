@@ -1,4 +1,4 @@
-// Groups of near-identical shapes: copies of any size, mirror images and, if asked for, variants.
+// Groups of near-identical shapes: copies of one size or of any, mirror images and, if asked for, variants.
 
 import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
@@ -19,6 +19,7 @@ const list = byId("duplicates", HTMLUListElement);
 const status = byId("duplicates-status", HTMLElement);
 const errorBox = byId("duplicates-error", HTMLElement);
 const more = byId("duplicates-more", HTMLButtonElement);
+const exported = byId("duplicates-export", HTMLAnchorElement);
 
 let deletions = false;
 /** @type {Duplicate[][]} */
@@ -41,6 +42,7 @@ export function openDuplicates({ parameters }) {
 /** Show the groups, and ask again while shapes are still to be compared. */
 async function load() {
   const own = ++generation;
+  exported.hidden = true;
   status.textContent = "Comparing the stored shapes …";
   try {
     // Until no more of them can be compared, or another view is open.
@@ -63,6 +65,8 @@ async function load() {
 /** @param {Duplicates} found */
 function show(found) {
   groups = found.groups;
+  exported.hidden = groups.length === 0;
+  exported.href = address("duplicates", new URLSearchParams([...parametersOf(form), ["format", "csv"]]));
   const shown = Math.max(PAGE, list.children.length);
   list.replaceChildren();
   append(shown);
@@ -84,15 +88,23 @@ const group = (members) => make(
   "li", {}, make("h3", {}, `${members.length} shapes`), make("ul", { className: "gallery" }, ...members.map(item)),
 );
 
+/** What differs, and from which shape, if that is not the first. @param {Duplicate} one @param {Duplicate[]} members */
+function differs({ difference, compared_with }, members) {
+  if (difference === null || compared_with === members[0].shape.id) return difference?.text ?? "";
+  const other = members.find(({ shape }) => shape.id === compared_with);
+  return `${difference.text}; compared with ${other?.shape.name ?? compared_with}`;
+}
+
 /**
  * @param {Duplicate} one
  * @param {number} place In its group; the others are compared with the first.
+ * @param {Duplicate[]} members
  */
-function item(one, place) {
+function item(one, place, members) {
   const { shape } = one;
   const made = shapeCard(shape, menuButton(shape, deletions ? () => remove(shape) : null));
   const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one));
-  made.querySelector(".name")?.after(line);
+  made.querySelector(".name")?.after(line, make("p", { className: "change" }, differs(one, members)));
   return made;
 }
 

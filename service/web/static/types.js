@@ -9,7 +9,8 @@
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
- * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null }} Scores
+ * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null,
+ *             transform: number[][] | null, difference: { text: string } | null }} Scores
  * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
@@ -25,7 +26,8 @@
  * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
  * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
  * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number }} ShapeMap
- * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number }} Duplicate
+ * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number,
+ *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session

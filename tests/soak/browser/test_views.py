@@ -1,5 +1,6 @@
 """The other views: upload, map, duplicates, collections, a comparison, the documentation; and signing in."""
 
+import csv
 from collections.abc import Iterator
 from itertools import combinations, pairwise
 from math import hypot
@@ -30,6 +31,7 @@ from tests.soak.browser.support import (
     visiting,
 )
 from tests.studies.copies import moved
+from tests.studies.machine_parts import Drawing, part
 
 KEY, READ_KEY = "isoshape_full-key", "isoshape_read-key"
 desktop_and_phone = pytest.mark.parametrize(
@@ -249,7 +251,7 @@ def test_a_group_of_duplicates_is_shown_and_a_copy_deleted_and_restored(
     visit: Visit, service: Running
 ) -> None:
     service.store(write_mesh(moved(make_shape("fish", 0), 1, scale=2.0), "ply"), "twice.ply", tags="copy")
-    page = visit.open("duplicates")
+    page = visit.open("duplicates", scaled="true")
     groups, status = page.locator("#duplicates > li"), page.locator("#duplicates-status")
     expect(status).to_have_text("1 group of duplicates among 7 shapes.")
     expect(groups).to_have_count(1)
@@ -266,6 +268,51 @@ def test_a_group_of_duplicates_is_shown_and_a_copy_deleted_and_restored(
     page.keyboard.press("Enter")
     expect(status).to_have_text("No duplicates among 3 shapes.")
     assert "view=duplicates&tag=glasses" in page.url
+
+
+def test_switches_say_which_copies_count_and_the_groups_are_exported(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    bracket = part("bracket", Drawing(6, 0.1))
+    meshes = {
+        "first": bracket,
+        "right": moved(bracket, 1, mirrored=True),
+        "twice": moved(bracket, 2, scale=2.0),
+        "hole": part("bracket", Drawing(6, 0.1, change="hole")),
+    }
+    for name, mesh in meshes.items():
+        service.store(write_mesh(mesh, "stl"), f"{name}.stl")
+    visit.page.goto(f"{visit.here}/?view=duplicates")
+    page, names = visit.page, visit.page.locator("#duplicates .name")
+    expect(names).to_have_text(["first.stl", "right.stl"])
+    page.get_by_label("No mirror images").check()
+    expect(page.locator("#duplicates-status")).to_have_text("No duplicates among 10 shapes.")
+    expect(page.get_by_role("link", name="Export as CSV")).to_be_hidden()
+    page.get_by_label("Other sizes too").check()
+    expect(names).to_have_text(["first.stl", "twice.stl"])
+    page.get_by_label("Variants too").check()
+    expect(names).to_have_text(["first.stl", "twice.stl", "hole.stl"])
+    told = service.client.get(
+        "/duplicates", params={"scaled": True, "mirrored": False, "variants": True}
+    ).json()
+    texts = [one["difference"]["text"] if one["difference"] else "" for one in told["groups"][0]]
+    assert texts[2].startswith("5 through holes instead of 4, at (")
+    expect(page.locator("#duplicates .change")).to_have_text(texts)
+    expect(page.locator("#duplicates .likeness")).to_have_text(
+        ["Stored first", "Same part, 2 times as large", "Variant"]
+    )
+    assert serious(page) == []
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Export as CSV").click()
+    assert download.value.suggested_filename == "duplicates.csv"
+    download.value.save_as(tmp_path / "duplicates.csv")
+    with (tmp_path / "duplicates.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["name"], row["difference"]) for row in rows] == list(
+        zip(["first.stl", "twice.stl", "hole.stl"], texts, strict=True)
+    )
+    page.reload()
+    expect(names).to_have_count(3)
 
 
 def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, service: Running) -> None:
