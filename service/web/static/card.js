@@ -62,7 +62,10 @@ export function card(title, lines, scores, ...more) {
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `${title} in 3D. The arrow keys rotate it, plus and minus zoom.`);
   const parts = [canvas, make("h3", {}, title), ...lines.map((line) => make("p", {}, line)), ...more];
-  if (scores) parts.splice(2, 0, make("p", { className: "likeness" }, verdict(scores)));
+  if (scores) {
+    const change = make("p", { className: "change" }, scores.difference?.text ?? "");
+    parts.splice(2, 0, make("p", { className: "likeness" }, verdict(scores)), change);
+  }
   return { canvas, item: make("li", {}, ...parts) };
 }
 

@@ -3,6 +3,7 @@
 import { address, ask, askWith, formWith, send } from "./api.js";
 import { byId, cached, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
+import { reload } from "./gallery.js";
 import { shapeCard } from "./shape_card.js";
 import { go, linkTo, opensElsewhere } from "./state.js";
 
@@ -19,6 +20,14 @@ const bar = byId("find-bar", HTMLProgressElement);
 const results = byId("results", HTMLElement);
 const start = byId("find-start", HTMLElement);
 const errorBox = byId("find-error", HTMLElement);
+const count = byId("find-count", HTMLInputElement);
+const storeButton = byId("find-store", HTMLButtonElement);
+
+/** Results that *More* adds: a row of four. */
+const MORE = 4;
+
+/** What to say of the storing of the query, once. */
+let stored = "";
 
 /** @type {AbortController | null} */
 let running = null;
@@ -34,6 +43,7 @@ const loadResults = () => import("./results.js");
  */
 export function openFind({ parameters, file, fileName }) {
   fill(form, parameters);
+  byId("find-rank", HTMLSelectElement).disabled = parametersOf(form).has("partial");
   showCount(form, byId("find-filters", HTMLDetailsElement), byId("find-filter-count", HTMLElement));
   const given = file ?? parameters.get("shape_id");
   const options = parametersOf(form).toString();
@@ -79,7 +89,9 @@ async function run(given, isNew) {
   progress.hidden = false;
   start.hidden = true;
   if (isNew) results.hidden = queryLine.hidden = true;
-  const rankBy = parametersOf(form).get("rank_by") ?? "";
+  const parameters = parametersOf(form);
+  // A part is found by the distance of its spin images, whatever score is chosen.
+  const rankBy = parameters.has("partial") ? "part distance, the least first" : parameters.get("rank_by") ?? "";
   try {
     const [query, answer, { showResults }] = await Promise.all([
       given instanceof File ? ofFile(given) : ofStored(given, own.signal),
@@ -89,10 +101,12 @@ async function run(given, isNew) {
     if (own.signal.aborted) return;
     progress.hidden = true;
     byId("find-name", HTMLElement).textContent = query.name;
+    storeButton.hidden = !(given instanceof File);
     byId("find-share", HTMLElement).textContent = given instanceof File
-      ? "The link of this page keeps the filters, but not the file." : "The link of this page leads to these results.";
+      ? "The link of this page keeps the filters, but not the file." : `${stored}The link of this page leads to these results.`;
+    stored = "";
     queryLine.hidden = false;
-    await showResults(query, answer, rankBy, isNew);
+    await showResults(query, answer, rankBy, Number(count.value), isNew);
   } catch (error) {
     if (own.signal.aborted) return;
     results.hidden = true;
@@ -174,6 +188,28 @@ byId("find-stop", HTMLButtonElement).addEventListener("click", () => {
   running?.abort();
   progress.hidden = true;
   asked.options = "";
+});
+byId("results-more", HTMLButtonElement).addEventListener("click", () => {
+  count.value = String(Number(count.value) + MORE);
+  searchAgain();
+});
+storeButton.addEventListener("click", async () => {
+  const { given } = asked;
+  if (!(given instanceof File)) return;
+  storeButton.disabled = true;
+  try {
+    const { status, body } = await send(address("shapes"), formWith({ file: given }), () => {});
+    reload();
+    if (asked.given !== given) return;
+    stored = status === 201 ? "Stored. " : "It was stored already. ";
+    const parameters = changedIn(form);
+    parameters.set("shape_id", body.id);
+    go("find", parameters);
+  } catch (error) {
+    showError(errorBox, error);
+  } finally {
+    storeButton.disabled = false;
+  }
 });
 byId("find-clear", HTMLButtonElement).addEventListener("click", () => {
   go("find", changedIn(form));

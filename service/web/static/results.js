@@ -3,12 +3,13 @@
 import { address } from "./api.js";
 import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
+import { saveTable } from "./csv.js";
 import { byId, cached, make, showError } from "./dom.js";
 import { measures, sizes } from "./facts.js";
 import { similarLink } from "./shape_card.js";
 
 /** @import { Comparison } from "./comparison.js" */
-/** @import { Answer } from "./types.js" */
+/** @import { Answer, Result } from "./types.js" */
 
 /**
  * The query.
@@ -25,17 +26,26 @@ const paint = byId("paint", HTMLSelectElement);
 const points = byId("points", HTMLInputElement);
 const errorBox = byId("find-error", HTMLElement);
 
+/** The most results that one query has. */
+const MOST = 100;
+
 /** @type {Comparison | null} */
 let shown = null;
+/** The results, and the name of what was asked. @type {{ name: string, results: Result[] }} */
+let listed = { name: "", results: [] };
 
 /**
  * @param {Asked} asked
  * @param {Answer} answer
- * @param {string} rankBy The score that sorts the results.
+ * @param {string} rankBy What sorts the results.
+ * @param {number} count The number of results that was asked for.
  * @param {boolean} isNew Whether another query was shown before; then the results get the focus.
  */
-export async function showResults(asked, answer, rankBy, isNew) {
+export async function showResults(asked, answer, rankBy, count, isNew) {
   const { results } = answer;
+  listed = { name: asked.name, results };
+  byId("results-more", HTMLButtonElement).hidden = results.length < count || results.length >= Math.min(answer.compared, MOST);
+  byId("results-export", HTMLButtonElement).hidden = results.length === 0;
   shown = null;
   delete cards.dataset.painted;
   section.hidden = false;
@@ -50,7 +60,9 @@ export async function showResults(asked, answer, rankBy, isNew) {
   const notes = [];
   const found = results.map((result) => {
     const { shape } = result;
-    const more = details(shape.name, result, measures(shape, result.size_ratio));
+    /** @type {[string, string][]} */
+    const part = result.part_distance === null ? [] : [["part distance", result.part_distance.toFixed(4)]];
+    const more = details(shape.name, result, [...part, ...measures(shape, result.size_ratio)]);
     const open = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Open ${shape.name}` }, "Open");
     const line = make("div", { className: "buttons" }, similarLink(shape), open);
     const note = make("p", { className: "difference" });
@@ -104,6 +116,31 @@ function summary(name, answer, rankBy) {
     + `The results are sorted by ${rankBy}.${matched}`;
 }
 
+/** @type {[string, (result: Result) => string | number | null][]} */
+const COLUMNS = [
+  ["rank", ({ rank }) => rank],
+  ["id", ({ shape }) => shape.id],
+  ["name", ({ shape }) => shape.name],
+  ["tags", ({ shape }) => shape.tags.join(", ")],
+  ["likeness", ({ likeness }) => likeness],
+  ["scale", ({ scale }) => scale],
+  ["difference", ({ difference }) => difference?.text ?? ""],
+  ["cc", ({ cc }) => cc],
+  ["ssd", ({ ssd }) => ssd],
+  ["sim", ({ sim }) => sim],
+  ["combined", ({ combined }) => combined],
+  ["part_distance", ({ part_distance }) => part_distance],
+  ["size_ratio", ({ size_ratio }) => size_ratio],
+  ["unit", ({ shape }) => shape.unit],
+  .../** @type {const} */ (["length", "width", "height"]).map((name, axis) => /** @type {[string, (result: Result) => number]} */ (
+    [name, ({ shape }) => shape.facts.bounding_box[axis]])),
+  ["area", ({ shape }) => shape.facts.area],
+  ["volume", ({ shape }) => shape.facts.closed ? shape.facts.volume : null],
+];
+
+byId("results-export", HTMLButtonElement).addEventListener("click", () => saveTable(`similar to ${listed.name}.csv`, [
+  COLUMNS.map(([name]) => name), ...listed.results.map((result) => COLUMNS.map(([, value]) => value(result))),
+]));
 paint.addEventListener("change", () => repaint().catch((error) => showError(errorBox, error)));
 points.addEventListener("change", () => shown?.showPoints(points.checked && paint.value !== "difference"));
 byId("previous-point", HTMLButtonElement).addEventListener("click", () => shown?.step(-1));

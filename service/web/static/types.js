@@ -11,7 +11,8 @@
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
  * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null,
  *             transform: number[][] | null, difference: { text: string } | null }} Scores
- * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null }} Result
+ * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null,
+ *                      part_distance: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
  * @typedef {{ query: Mesh, results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,

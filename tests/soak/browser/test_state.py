@@ -32,7 +32,7 @@ def drop(page: Page, name: str, data: bytes) -> None:
 
 def test_a_change_of_an_option_searches_again_with_the_same_file(visit: Visit, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
-    page.select_option("#find-count", "6")
+    page.get_by_role("button", name="More", exact=True).click()
     drawn(page, 7)
     assert page.inner_text("#cards h3 >> nth=0") == "fish-3.ply"
     told = "The link of this page keeps the filters, but not the file."
@@ -55,7 +55,7 @@ def test_a_change_of_an_option_searches_again_with_the_same_file(visit: Visit, t
     assert page.input_value("#find-tags") == "glasses"
     page.reload()
     expect(page.locator("#find-error")).to_contain_text("Choose fish-3.ply again")
-    assert page.input_value("#find-count") == "6"
+    assert page.input_value("#find-count") == "7"
 
 
 def test_back_and_forward_show_what_was_shown(visit: Visit, tmp_path: Path) -> None:
@@ -96,8 +96,7 @@ def test_back_and_forward_show_what_was_shown(visit: Visit, tmp_path: Path) -> N
 
 
 def test_a_link_leads_to_the_same_results(visit: Visit, service: Running) -> None:
-    page = visit.open()
-    page.select_option("#find-count", "6")
+    page = visit.open(top_k="6")
     page.locator("#find-filters summary").click()
     page.fill("#find-tags", "fish")
     page.get_by_role("link", name="Find similar to fish-0.ply").click()
