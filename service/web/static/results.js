@@ -7,6 +7,7 @@ import { saveTable } from "./csv.js";
 import { byId, cached, make, showError } from "./dom.js";
 import { measures, sizes } from "./facts.js";
 import { similarLink } from "./shape_card.js";
+import { offerAxes } from "./up.js";
 
 /** @import { Comparison } from "./comparison.js" */
 /** @import { Answer, Result } from "./types.js" */
@@ -53,7 +54,7 @@ export async function showResults(asked, answer, rankBy, count, isNew) {
   const warnings = byId("results-warnings", HTMLElement);
   warnings.hidden = answer.warnings.length === 0;
   warnings.textContent = answer.warnings.map(sentence).join(" ");
-  const query = card(asked.name, ["Query", sizes(answer.query)], null);
+  const first = card(asked.name, ["Query", sizes(answer.query)], null);
   byId("legend-text", HTMLElement).textContent = results.length === 0 ? ""
     : `Each result shows its difference from the query; the query shows its difference from ${results[0].shape.name}.`;
   /** @type {HTMLElement[]} */
@@ -69,12 +70,12 @@ export async function showResults(asked, answer, rankBy, count, isNew) {
     notes.push(note);
     return card(`${result.rank}. ${shape.name}`, [sizes(shape), shape.tags.join(", ")].filter(Boolean), result, note, more, line);
   });
-  cards.replaceChildren(query.item, ...found.map(({ item }) => item));
+  cards.replaceChildren(first.item, ...found.map(({ item }) => item));
   if (isNew) section.focus();
   try {
     shown = await compare(
       [
-        { ...asked, canvas: query.canvas, embedding: async () => answer.embedding, pairs: [] },
+        { ...asked, canvas: first.canvas, embedding: async () => answer.embedding, pairs: [] },
         ...results.map((result, i) => ({
           name: result.shape.name,
           canvas: found[i].canvas,
@@ -87,6 +88,10 @@ export async function showResults(asked, answer, rankBy, count, isNew) {
       ],
       (text) => (status.textContent = text),
     );
+    const [query, ...others] = shown.sides.map(({ view }) => view);
+    for (const [i, { transform, likeness }] of results.entries()) {
+      if (transform) others[i].place(query, transform, likeness === "mirrored");
+    }
     await repaint();
   } catch (error) {
     showError(errorBox, error);
@@ -148,6 +153,7 @@ byId("next-point", HTMLButtonElement).addEventListener("click", () => shown?.ste
 byId("zoom-in", HTMLButtonElement).addEventListener("click", () => theStage().zoomBy(1.2));
 byId("zoom-out", HTMLButtonElement).addEventListener("click", () => theStage().zoomBy(1 / 1.2));
 byId("reset-view", HTMLButtonElement).addEventListener("click", () => theStage().reset());
+offerAxes(byId("up", HTMLSelectElement), (axis) => theStage().setUp(axis));
 const rotate = byId("auto-rotate", HTMLInputElement);
 rotate.addEventListener("change", () => theStage().setAutoRotate(rotate.checked));
 // On a small screen the shapes come first.

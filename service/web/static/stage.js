@@ -4,6 +4,7 @@ import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, InstancedMesh, Matrix4,
   Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from "./vendor/three.js";
+import { bringUp, keptAxis } from "./up.js";
 
 /** @import { Model } from "./glb.js" */
 /** @import { Colour } from "./matching.js" */
@@ -14,6 +15,9 @@ const RADIANS = Math.PI / 180;
 const FIELD_OF_VIEW = 30;
 const DOT_RADIUS = 0.028;
 const PICK_DISTANCE = 14;
+
+/** The matrix from the coordinates of a model to those of its file. @param {Model} model */
+const toFile = ({ middle: [x, y, z], half }) => new Matrix4().makeScale(half, half, half).setPosition(x, y, z);
 
 /** One shape on its canvas. */
 export class View {
@@ -41,6 +45,8 @@ export class View {
     this.middle = (this.geometry.boundingSphere?.center ?? new Vector3()).applyMatrix4(this.group.matrix);
     this.surface = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide });
     this.group.add(new Mesh(this.geometry, this.surface));
+    /** The model of the file whose axes the drawing has. */
+    this.frame = model;
     /** @type {Vector3[]} */
     this.points = [];
     /** @type {InstancedMesh | null} */
@@ -49,6 +55,35 @@ export class View {
     this.group.add(this.marks);
     /** @type {number[]} */
     this.marked = [];
+  }
+
+  /**
+   * Draw the shape in the frame of another one.
+   * @param {View} other
+   * @param {number[][]} transform Four rows: from the file of the shape to that of the other one.
+   * @param {boolean} mirrored Whether the shape is to be seen as the mirror image of the other one, left for right.
+   */
+  place(other, transform, mirrored) {
+    const { matrix } = this.group;
+    const between = new Matrix4().fromArray(transform.flat()).transpose();
+    matrix.copy(toFile(other.model).invert()).multiply(between).multiply(toFile(this.model));
+    if (mirrored) matrix.premultiply(new Matrix4().makeScale(-1, 1, 1));
+    matrix.premultiply(other.group.matrix);
+    this.frame = other.model;
+    this.middle = other.middle;
+    this.radius = other.radius;
+    // A variant may be larger.
+    const { positions } = this.model, at = new Vector3();
+    for (let i = 0; i < positions.length; i += 3) {
+      this.radius = Math.max(this.radius, at.fromArray(positions, i).applyMatrix4(matrix).distanceTo(this.middle));
+    }
+    this.turn(this.stage.up);
+  }
+
+  /** @param {string} axis The axis of the file that points up; empty for that of its format. */
+  turn(axis) {
+    bringUp(this.scene.quaternion, this.frame, axis);
+    this.stage.changed();
   }
 
   /**
@@ -120,7 +155,7 @@ export class View {
     let best = -1, nearest = Infinity;
     const at = new Vector3();
     for (const [i, point] of this.points.entries()) {
-      at.copy(point).applyMatrix4(this.group.matrix).project(this.stage.camera);
+      at.copy(point).applyMatrix4(this.group.matrix).applyQuaternion(this.scene.quaternion).project(this.stage.camera);
       const distance = Math.hypot(((at.x + 1) / 2) * width - x, ((1 - at.y) / 2) * height - y);
       // Prefers the point in front among points at about the same distance.
       const cost = distance / PICK_DISTANCE + 40 * at.z;
@@ -142,6 +177,7 @@ export class Stage {
     this.azimuth = AZIMUTH * RADIANS;
     this.elevation = ELEVATION * RADIANS;
     this.zoom = 1;
+    this.up = keptAxis();
     this.sizes = new ResizeObserver(() => this.changed());
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.changed());
   }
@@ -168,6 +204,7 @@ export class Stage {
   add(canvas, model) {
     const view = new View(this, canvas, model);
     this.views.push(view);
+    view.turn(this.up);
     this.sizes.observe(canvas);
     this.listen(view);
     return view;
@@ -178,6 +215,12 @@ export class Stage {
     this.azimuth += across;
     this.elevation = Math.max(-1.5, Math.min(1.5, this.elevation + up));
     this.changed();
+  }
+
+  /** @param {string} axis The axis of the files that points up; empty for that of each format. */
+  setUp(axis) {
+    this.up = axis;
+    for (const view of this.views) view.turn(axis);
   }
 
   /** @param {number} factor */
@@ -208,18 +251,19 @@ export class Stage {
     const { camera } = this;
     const distance = (1.05 * view.radius) / Math.sin((FIELD_OF_VIEW / 2) * RADIANS) / this.zoom;
     const level = Math.cos(this.elevation);
+    const turn = view.scene.quaternion, middle = view.middle.clone().applyQuaternion(turn);
     camera.position
       .set(level * Math.sin(this.azimuth), Math.sin(this.elevation), level * Math.cos(this.azimuth))
       .multiplyScalar(distance)
-      .add(view.middle);
+      .add(middle);
     camera.near = distance / 50;
     camera.far = distance + 4 * view.radius;
     camera.aspect = view.canvas.clientWidth / Math.max(1, view.canvas.clientHeight);
-    camera.lookAt(view.middle);
+    camera.lookAt(middle);
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();
     // The light comes from the upper left of the camera.
-    view.light.position.set(-0.5, 0.9, 1).applyQuaternion(camera.quaternion);
+    view.light.position.set(-0.5, 0.9, 1).applyQuaternion(camera.quaternion).applyQuaternion(turn.clone().invert());
   }
 
   draw() {

@@ -2,14 +2,16 @@
 
 import { address, askWith, readShape } from "./api.js";
 import { card, details } from "./card.js";
-import { compare, storedEmbedding, storedGlb } from "./comparison.js";
+import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { byId, showError } from "./dom.js";
 import { showShape } from "./shape_page.js";
+import { offerAxes } from "./up.js";
 
 /** @import { Comparison, Shape } from "./types.js" */
 
 const cards = byId("cards", HTMLUListElement);
 const title = byId("title", HTMLElement);
+offerAxes(byId("up", HTMLSelectElement), (axis) => theStage().setUp(axis));
 const { first, second } = byId("main", HTMLElement).dataset;
 for (const link of document.querySelectorAll("a[data-view]")) {
   /** @type {HTMLAnchorElement} */ (link).href = address("", { view: link.getAttribute("data-view") ?? "" });
@@ -34,6 +36,8 @@ async function showTwo(one, other) {
     ],
     (text) => (byId("point-status", HTMLElement).textContent = text),
   );
+  const [query, copy] = shown.sides.map(({ view }) => view);
+  if (scores.transform) copy.place(query, scores.transform, scores.likeness === "mirrored");
   await shown.paint("correspondence");
 }
 

@@ -3,14 +3,27 @@
 import csv
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
 from core.io import write_mesh
+from core.mesh.mesh import Mesh
 from tests.service.support import Running, query
-from tests.soak.browser.support import Visit, drawn, file_in, made, serious, stored
+from tests.soak.browser.support import (
+    Visit,
+    drawn,
+    file_in,
+    made,
+    next_frame,
+    paint,
+    picture,
+    pictures,
+    serious,
+    stored,
+)
 from tests.studies.copies import moved
-from tests.studies.machine_parts import Drawing, part
+from tests.studies.machine_parts import Change, Drawing, part
 
 BRACKET = part("bracket", Drawing(6, 0.1))
 
@@ -71,6 +84,92 @@ def test_a_variant_says_what_differs_on_its_card_and_in_the_table(
     assert page.locator("#cards .likeness").all_inner_texts() == ["Variant"]
     assert page.locator("#cards .change").all_inner_texts() == [told]
     assert [row["difference"] for row in saved(page, tmp_path)] == [told]
+
+
+def plainly(page: Page) -> list[np.ndarray]:
+    """The pixels of each shape, in one colour and without points."""
+    page.uncheck("#points")
+    paint(page, "plain")
+    return pictures(page)
+
+
+def apart(one: np.ndarray, other: np.ndarray) -> float:
+    """The share of pixels that differ by more than the shades of two tessellations."""
+    return float((np.abs(one - other).max(axis=2) > 40).mean())
+
+
+def asked(visit: Visit, path: Path, count: int = 2) -> Page:
+    """Query with a file, and wait for the drawings."""
+    page = visit.open()
+    page.set_input_files("#find-file", path)
+    drawn(page, count)
+    return page
+
+
+@pytest.mark.parametrize("change", [None, "hole"])
+def test_copies_and_variants_are_drawn_in_the_frame_of_the_query(
+    visit: Visit, service: Running, tmp_path: Path, change: Change | None
+) -> None:
+    service.clear()
+    other = moved(part("bracket", Drawing(6, 0.1, 0.37, change)), 1, scale=25.4)
+    service.store(write_mesh(other, "stl"), "other.stl")
+    first, second = plainly(asked(visit, file_in(tmp_path, write_mesh(BRACKET, "stl"), "bracket.stl")))
+    assert (np.ptp(first, axis=2) > 30).mean() > 0.05
+    # A hole is seen or hidden; a part that stands otherwise differs at a tenth of the pixels.
+    assert apart(first, second) < 0.02
+    own, _ = plainly(asked(visit, file_in(tmp_path, write_mesh(other, "stl"), "other.stl")))
+    assert apart(first, own) > 0.05
+
+
+def test_a_mirror_image_is_drawn_as_the_query_seen_in_a_mirror(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    service.clear()
+    service.store(write_mesh(moved(BRACKET, 2, mirrored=True), "stl"), "other.stl")
+    page = asked(visit, file_in(tmp_path, write_mesh(BRACKET, "stl"), "bracket.stl"))
+    first, second = plainly(page)
+    assert page.locator("#cards .likeness").all_inner_texts() == ["Mirror image"]
+    image = Mesh(BRACKET.vertices * [-1, 1, 1], BRACKET.faces[:, ::-1])
+    own, _ = plainly(asked(visit, file_in(tmp_path, write_mesh(image, "stl"), "image.stl")))
+    assert apart(second, own) < 0.01
+    assert apart(second, first) > 0.05
+
+
+def test_the_axis_that_is_chosen_points_up_in_every_drawing(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    service.clear()
+    shape = service.store(write_mesh(moved(BRACKET, 3), "off"), "other.off")
+    # y is up in OBJ.
+    y_up = plainly(asked(visit, file_in(tmp_path, write_mesh(BRACKET, "obj"), "bracket.obj")))
+    page = asked(visit, file_in(tmp_path, write_mesh(BRACKET, "off"), "bracket.off"))
+    before = plainly(page)
+    assert apart(before[0], y_up[0]) > 0.05
+    page.select_option("#up", "+Y")
+    next_frame(page)
+    for one, other in zip(pictures(page), y_up, strict=True):
+        assert apart(one, other) < 0.01
+    page.select_option("#up", "-Z")
+    next_frame(page)
+    over = Mesh(BRACKET.vertices * [1, -1, -1], BRACKET.faces)
+    upside_down = pictures(page)
+    page.select_option("#up", "")
+    next_frame(page)
+    for one, other in zip(pictures(page), before, strict=True):
+        assert apart(one, other) < 0.01
+    turned = plainly(asked(visit, file_in(tmp_path, write_mesh(over, "off"), "over.off")))
+    for one, other in zip(upside_down, turned, strict=True):
+        assert apart(one, other) < 0.01
+    # The choice stays, on the page of a shape too.
+    page.select_option("#up", "+X")
+    page.goto(f"{visit.here}/shapes/{shape['id']}/view")
+    expect(page.locator("#cards canvas[data-drawn]")).to_have_count(1)
+    expect(page.locator("#up")).to_have_value("+X")
+    lying = picture(page.locator("#cards canvas"))
+    page.select_option("#up", "+Z")
+    next_frame(page)
+    assert apart(lying, picture(page.locator("#cards canvas"))) > 0.05
+    assert serious(page) == []
 
 
 def test_the_query_can_be_stored_and_its_link_then_leads_to_the_results(
