@@ -13,6 +13,7 @@ import numpy as np
 
 from core.arrays import Floats
 from core.embedding import Embedding
+from core.mesh.bounding_box import least_box_axes
 from core.registration.initial_alignments import initial_alignments
 from core.registration.probed_surface import ProbedSurface
 from core.registration.similarity import RESIDUAL, Similarity, best_similarity
@@ -56,8 +57,9 @@ class Difference:
         The box that holds all differences.
     distance : float
         The largest distance of the surfaces, in the units of the first file.
-    extents : two of tuple of 3 float
-        Lengths of both along the axes of the first file, in its units and both in one size.
+    sides : two of tuple of 3 float
+        Length, width and height of the least box around the first, the largest first, and the extents of the
+        second along them; in the units of the first file, both in one size.
     volume : float or None
         Volume of the second over that of the first, both in one size, if both meshes are closed.
     area : float
@@ -70,7 +72,7 @@ class Difference:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
     distance: float
-    extents: tuple[tuple[float, float, float], tuple[float, float, float]]
+    sides: tuple[tuple[float, float, float], tuple[float, float, float]]
     volume: float | None
     area: float
     through_holes: tuple[int, int] | None
@@ -258,7 +260,10 @@ def _difference(
 ) -> Difference:
     unit, centre = first.samples.unit, first.samples.centre
     points = deviation.points * unit + centre
-    theirs = motion.invert(second.curved.corners.reshape(-1, 3))
+    ours, theirs = (one.curved.corners.reshape(-1, 3) for one in (first, second))
+    axes = least_box_axes(ours / np.abs(ours).max())
+    extents = np.array([np.ptp(corners @ axes.T, axis=0) for corners in (ours, motion.invert(theirs))])
+    sides = unit * extents[:, np.argsort(-extents[0])]
     holes, volume = None, None
     if first.curved.handles is not None and second.curved.handles is not None:
         holes = first.curved.handles, second.curved.handles
@@ -269,10 +274,7 @@ def _difference(
         low=_floats(points.min(axis=0)),
         high=_floats(points.max(axis=0)),
         distance=deviation.largest * unit,
-        extents=(
-            _floats(unit * np.ptp(first.curved.corners, axis=(0, 1))),
-            _floats(unit * np.ptp(theirs, axis=0)),
-        ),
+        sides=(_floats(sides[0]), _floats(sides[1])),
         volume=volume,
         area=1.0 / motion.scale**2,
         through_holes=holes,

@@ -6,8 +6,10 @@ from pydantic import BaseModel, ConfigDict, Field, computed_field
 
 Coordinates = tuple[float, float, float]
 
+SIDES = ("length", "width", "height")
+
 EXTENT = 0.5
-"""Extents differ if they do by more than this share of the largest distance; chord errors are less."""
+"""Sides differ if they do by more than this share of the largest distance; chord errors are less."""
 
 LEAST_RATIO = 5e-5
 """Ratios of volumes, and of areas, nearer to 1 are told as equal."""
@@ -22,9 +24,9 @@ class LocalDifference(BaseModel):
     low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
     high: Coordinates = Field(description="The corner of largest coordinates of this box.")
     distance: float = Field(description="The largest distance of the two surfaces, in the first's units.")
-    extents: tuple[Coordinates, Coordinates] = Field(
-        description="The lengths of the first and of the second along the first's axes, in the first's "
-        "units, both in one size."
+    sides: tuple[Coordinates, Coordinates] = Field(
+        description="Length, width and height of the least box around the first, and the extents of the "
+        "second along them; in the first's units, both in one size."
     )
     volume: float | None = Field(
         default=None,
@@ -56,10 +58,10 @@ class LocalDifference(BaseModel):
 
     def reverse(self) -> "LocalDifference":
         """Return how the first differs from the second, in the coordinates of the first."""
-        holes, (ours, theirs) = self.through_holes, self.extents
+        holes, (ours, theirs) = self.through_holes, self.sides
         return self.model_copy(
             update={
-                "extents": (theirs, ours),
+                "sides": (theirs, ours),
                 "volume": self.volume and 1.0 / self.volume,
                 "area": 1.0 / self.area,
                 "through_holes": holes and (holes[1], holes[0]),
@@ -73,15 +75,13 @@ class LocalDifference(BaseModel):
         return [] if before == after else [f"{holes} instead of {before or 'none'}"]
 
     def _lengths(self) -> list[str]:
-        """Return the axes along which the two have other lengths."""
+        """Return the sides that the second has longer or shorter."""
         told = []
-        for axis, before, after in zip("xyz", *self.extents, strict=True):
+        for name, before, after in zip(SIDES, *self.sides, strict=True):
             change = abs(after - before)
             if change > EXTENT * self.distance:
                 digits = _digits(change)
-                length, now, then = (_rounded(value, digits) for value in (change, after, before))
-                longer = "longer" if after > before else "shorter"
-                told.append(f"{length} {longer} in {axis} ({now} instead of {then})")
+                told.append(f"{name} {_rounded(after, digits)} instead of {_rounded(before, digits)}")
         return told
 
 

@@ -227,7 +227,7 @@ def test_a_group_of_copies_falls_apart_by_size_and_hand() -> None:
 def difference(before: int, after: int) -> dict[str, Any]:
     """A difference of variants by its numbers of through holes."""
     here = (10.0, 5.0, 3.0)
-    corners = {"point": here, "low": here, "high": here, "extents": (here, here)}
+    corners = {"point": here, "low": here, "high": here, "sides": (here, here)}
     return {**corners, "distance": 2.0, "volume": 0.5, "area": 1.0, "through_holes": (before, after)}
 
 
