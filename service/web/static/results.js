@@ -71,7 +71,11 @@ export async function showResults(asked, answer, rankBy, count, isNew) {
     return card(`${result.rank}. ${shape.name}`, [sizes(shape), shape.tags.join(", ")].filter(Boolean), result, note, more, line);
   });
   cards.replaceChildren(first.item, ...found.map(({ item }) => item));
-  if (isNew) section.focus();
+  if (isNew) {
+    // Not the end of the section, to which the focus alone would scroll.
+    section.focus({ preventScroll: true });
+    first.item.scrollIntoView({ block: "nearest" });
+  }
   try {
     shown = await compare(
       [

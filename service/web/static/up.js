@@ -43,7 +43,7 @@ export function bringUp(turn, model, axis) {
  * @param {(axis: string) => void} apply
  */
 export function offerAxes(choice, apply) {
-  choice.append(make("option", { value: "" }, "as the format"), ...Object.keys(AXES).map((axis) => make("option", {}, axis)));
+  choice.append(make("option", { value: "", title: "the axis of each format" }, "auto"), ...Object.keys(AXES).map((axis) => make("option", {}, axis)));
   choice.value = keptAxis();
   choice.addEventListener("change", () => {
     try {
