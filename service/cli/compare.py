@@ -11,7 +11,7 @@ from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import calls
 from service.client.calls import Compared
 from service.console import fail, output, progress, say, table
-from service.duplicates.schemas import Duplicate, DuplicatesAnswer
+from service.duplicates.schemas import DuplicatesAnswer
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import likeness_in_words, score_in_words
 
@@ -120,22 +120,18 @@ def duplicates_command(
     say(f"{grouped} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
 
 
-def _difference(member: Duplicate, group: list[Duplicate]) -> list[str]:
-    """Return the difference of a variant in words, and from which shape if that is not the first."""
-    if member.difference is None:
-        return []
-    first = member.compared_with == group[0].shape.id
-    return [member.difference.text + ("" if first else f"; compared with {member.compared_with}")]
-
-
 def _print_groups(answer: DuplicatesAnswer) -> None:
     columns = (">group", "name", "likeness", ">scale", ">cc", ">residual")
-    differ = any(member.difference is not None for group in answer.groups for member in group)
-    groups = table(*columns, *(["difference"] if differ else []))
+    groups = table(*columns)
     for number, group in enumerate(answer.groups, 1):
         for member in group:
             numbers = f"{member.scale:.4g}", score_in_words(member.cc), f"{member.residual:.4f}"
-            groups.add_row(
-                str(number), member.shape.name, member.likeness, *numbers, *_difference(member, group)
-            )
+            groups.add_row(str(number), member.shape.name, member.likeness, *numbers)
     output().print(groups)
+    for number, group in enumerate(answer.groups, 1):
+        for member in group:
+            if member.difference is not None:
+                first = member.compared_with == group[0].shape.id
+                compared = "" if first else f"; compared with {member.compared_with}"
+                line = f"{number} {member.shape.name}: {member.difference.text}{compared}"
+                output().print(line, soft_wrap=True)

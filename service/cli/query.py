@@ -90,7 +90,7 @@ def print_answer(console: "Console", answer: QueryAnswer) -> None:
         results.add_row(
             str(result.rank),
             shape.name,
-            likeness_in_words(result.likeness, result.scale, result.difference),
+            likeness_in_words(result.likeness, result.scale),
             score_in_words(result.cc),
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",
@@ -101,5 +101,9 @@ def print_answer(console: "Console", answer: QueryAnswer) -> None:
             ", ".join(shape.tags),
         )
     console.print(results)
+    for result in answer.results:
+        if result.difference is not None:
+            line = f"{result.rank}. {result.shape.name}: {result.difference.text}"
+            console.print(line, soft_wrap=True)
     if not (answer.matched or partial or any(result.likeness != "weak" for result in answer.results)):
         console.print("No result is similar: the best cc is below the pipeline's threshold.")

@@ -39,7 +39,7 @@ def test_a_file_and_a_stored_shape(archive: Client, ball: Path, run: Run, tmp_pa
 
 
 def test_a_variant_says_what_differs(archive: Client, run: Run, tmp_path: Path) -> None:
-    """Everywhere in the words of the service: compared, in the table of results and in the report."""
+    """Everywhere in the words of the service: compared, below the table of results and in the report."""
     paths = [tmp_path / "three.stl", tmp_path / "four.stl"]
     for path, change in zip(paths, CHANGES, strict=True):
         path.write_bytes(write_mesh(part("plate", Drawing(8, 0.1, change=change)), "stl"))
@@ -51,7 +51,7 @@ def test_a_variant_says_what_differs(archive: Client, run: Run, tmp_path: Path) 
     archive.upload(paths[1])
     page = tmp_path / "report.html"
     done = run("query", paths[0], "--html", page, "--url", archive.url)
-    assert all(word in done.stdout for word in told.split())
+    assert f"\n1. four.stl: {differs.text}\n" in done.stdout
     assert told in page.read_text(encoding="utf-8")
 
 
