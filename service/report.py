@@ -76,6 +76,17 @@ class Preview:
         """Points of the file, shape (p, 3), in the frame of the mesh."""
         return np.asarray(points @ self.placing[:, :3].T + self.placing[:, 3])
 
+    def in_frame_of(self, first: "Preview", transform: list[list[float]], *, mirrored: bool) -> "Preview":
+        """Return the preview as it stands in the frame of a first one, by a transform of their files.
+
+        A mirror image is `mirrored` left for right, so that it is not seen as the first.
+        """
+        side = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
+        placing = side @ first.placing @ np.array(transform)
+        points = (self.mesh.vertices - self.placing[:, 3]) @ np.linalg.inv(self.placing[:, :3]).T
+        faces = self.mesh.faces if np.linalg.det(placing[:, :3]) > 0.0 else self.mesh.faces[:, ::-1]
+        return Preview(Mesh(points @ placing[:, :3].T + placing[:, 3], faces), placing)
+
 
 def matched(first: Preview, second: Preview, pairs: list[Pair]) -> tuple[bytes, bytes]:
     """Return a PNG of each of two shapes; corresponding points have one colour."""
@@ -216,6 +227,8 @@ def report(
         if result.correspondence is None:
             raise ValueError("the answer has no correspondences")
         shape = Preview.of(client.preview(result.shape.id), result.shape.format)
+        if result.transform is not None:
+            shape = shape.in_frame_of(query, result.transform, mirrored=result.likeness == "mirrored")
         matches.append(matched(query, shape, result.correspondence))
         drawn()
     picture = draw(query.mesh, _GLB, SIZE)

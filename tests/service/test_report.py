@@ -7,6 +7,7 @@ import pytest
 
 from core.io import read_mesh
 from core.mesh.mesh import Mesh
+from core.registration.similarity import best_similarity
 from service.rendering.tasks import FACES
 from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import camera, draw, draw_painted, upright
@@ -16,6 +17,7 @@ from service.system.schemas import Version
 from tests.service.html import Parsed
 from tests.service.previews.test_previews import pixels
 from tests.service.support import small_file
+from tests.studies.copies import moved
 
 BALL = read_mesh(small_file(0), "off")
 NASTY = '<script>alert("1")</script> & <b>.off'
@@ -74,13 +76,13 @@ def test_points_of_a_file_are_found_on_its_preview(format: str) -> None:
 
 
 def test_a_shape_and_its_moved_copy_are_painted_alike() -> None:
-    moved = Mesh(3 * BALL.vertices + [5, 6, 7], BALL.faces)
+    there = Mesh(3 * BALL.vertices + [5, 6, 7], BALL.faces)
     first = Preview.of(make_preview(BALL, "off", FACES), "off")
-    second = Preview.of(make_preview(moved, "off", FACES), "off")
-    one, other = matched(first, second, pairs(BALL.vertices, moved.vertices))
+    second = Preview.of(make_preview(there, "off", FACES), "off")
+    one, other = matched(first, second, pairs(BALL.vertices, there.vertices))
     assert pixels(one).shape == (SIZE, SIZE, 4)
     assert np.abs(pixels(one) - pixels(other)).mean() < 0.5
-    wrong = matched(first, second, pairs(BALL.vertices, moved.vertices[::-1]))
+    wrong = matched(first, second, pairs(BALL.vertices, there.vertices[::-1]))
     assert wrong[0] == one
     assert np.abs(pixels(wrong[1]) - pixels(one)).mean() > 5
     assert draw(first.mesh, "glb", SIZE) != one
@@ -106,6 +108,21 @@ def report(**changes: object) -> str:
         matches=((b"first", b"second"),) * len(answer["results"]),
         version=Version.model_validate(Version.model_config["json_schema_extra"]["example"]),
     )
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_copy_stands_as_the_query_and_a_mirror_image_as_in_a_mirror(mirrored: bool) -> None:
+    mesh = Mesh(BALL.vertices * [1, 2, 3], BALL.faces)
+    copy = moved(mesh, 1, scale=25.4, mirrored=mirrored)
+    back = best_similarity(copy.vertices, mesh.vertices, sign=-1 if mirrored else 1, scaled=True).matrix
+    first, second = (Preview.of(make_preview(each, "off", FACES), "off") for each in (mesh, copy))
+    stands = second.in_frame_of(first, back.tolist(), mirrored=mirrored)
+    expected = first.mesh.vertices * [-1 if mirrored else 1, 1, 1]
+    np.testing.assert_allclose(stands.mesh.vertices, expected, rtol=0, atol=1.0)
+    # Points of its file are found on it, and it is not inside out.
+    np.testing.assert_allclose(stands.placed(copy.vertices), stands.mesh.vertices, rtol=0, atol=1.0)
+    volumes = [np.linalg.det(each.mesh.vertices[each.mesh.faces]).sum() for each in (stands, first)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-3)
 
 
 def test_a_page_is_whole_and_holds_nothing_from_elsewhere() -> None:
