@@ -3,4 +3,11 @@
 Two sampled surfaces in; the best similarity transform of one onto the other and its residual out.
 """
 
-__all__ = ["invariants", "probed_surface", "rigid_copy", "similarity"]
+__all__ = [
+    "invariants",
+    "probed_surface",
+    "rigid_alignment",
+    "rigid_copy",
+    "similarity",
+    "surface_distances",
+]

@@ -55,6 +55,14 @@ class Similarity:
         """Transform points, shape (n, 3)."""
         return np.asarray(self.scale * points @ self.rotation.T + self.shift)
 
+    def then(self, other: "Similarity") -> "Similarity":
+        """Return the transform that applies this one first and another one to its result."""
+        return Similarity(
+            other.scale * self.scale,
+            other.rotation @ self.rotation,
+            other.scale * other.rotation @ self.shift + other.shift,
+        )
+
     @property
     def inverse(self) -> "Similarity":
         """The inverse transform."""
@@ -90,17 +98,35 @@ def best_similarity(source: Floats, target: Floats, *, sign: int, scaled: bool) 
     return Similarity(scale, rotation, target_centre - scale * rotation @ source_centre)
 
 
+def similarity_of(matrix: Floats) -> Similarity:
+    """Return the transform of a matrix in homogeneous coordinates, shape (4, 4)."""
+    scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
+    return Similarity(scale, matrix[:3, :3] / scale, matrix[:3, 3])
+
+
+def to_unit_area(samples: SurfaceSamples) -> Similarity:
+    """Return the transform from the file's coordinates to unit area."""
+    return Similarity(1.0 / samples.unit, np.eye(3), -samples.centre / samples.unit)
+
+
 def bend(source: Floats, target: Floats) -> float:
     """Return how far a correspondence is from a similarity transform, of either sign.
 
-    The transform is that of the nearest `SHARE` of the pairs (trimmed least squares), row i of the source,
-    shape (n, 3), with row i of the target. The result is the distance that nine of ten pairs keep, in the
-    units of the target: of a rigid part it is about the distance of samples, of a body in another pose more.
+    The result is the distance of `trimmed_similarity`: of a rigid part it is about the distance of samples,
+    of a body in another pose more.
     """
-    least = np.inf
+    return trimmed_similarity(source, target)[1]
+
+
+def trimmed_similarity(source: Floats, target: Floats) -> tuple[Similarity, float]:
+    """Return the similarity transform of either sign of the nearest `SHARE` of the pairs, and a distance.
+
+    The transform is that of trimmed least squares, row i of the source, shape (n, 3), with row i of the
+    target. Nine of ten pairs keep the distance, in the units of the target.
+    """
+    fits = []
     for sign in (1, -1):
         near = np.ones(len(source), dtype=bool)
-        gaps = np.zeros(len(source))
         for _ in range(ROUNDS):
             motion = best_similarity(source[near], target[near], sign=sign, scaled=True)
             gaps = np.linalg.norm(target - motion.apply(source), axis=1)
@@ -108,8 +134,8 @@ def bend(source: Floats, target: Floats) -> float:
             if np.array_equal(nearest, near):
                 break
             near = nearest
-        least = min(least, float(np.quantile(gaps, 0.9)))
-    return least
+        fits.append((motion, float(np.quantile(gaps, 0.9))))
+    return min(fits, key=lambda fit: fit[1])
 
 
 def near_rigid(

@@ -174,22 +174,40 @@ def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similar
     )
 
 
-def _one_way(
-    first: ProbedSurface, second: ProbedSurface, motion: Similarity
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return distances of the probes, chord errors of both meshes, and which probes deviate by region."""
-    moved = motion.apply(first.points)
+def distances_to(
+    second: ProbedSurface, points: Floats, errors: Floats, motion: Similarity
+) -> tuple[Floats, Floats]:
+    """Return the distances of points of the first surface from the second, and the chord errors of both.
+
+    `points`, shape (n, 3), have the chord errors `errors`, shape (n,); all is at unit area.
+    """
+    moved = motion.apply(points)
     shares, faces = second.curved.closest(moved)
-    targets, _, errors = second.curved.at(shares, faces)
+    targets, _, other_errors = second.curved.at(shares, faces)
     gaps = np.linalg.norm(targets - moved, axis=1)
     # The surface beyond the boundary of a gap is unknown.
     least = shares.argmin(axis=1)
     on_edge = shares[np.arange(len(shares)), least] <= ON_EDGE
     gaps[on_edge & second.curved.at_gap[3 * faces + (least + 1) % 3]] = 0.0
-    spans = first.errors + errors
-    region = first.curved.regions[first.faces]
-    count = np.maximum(np.bincount(region), 1)
-    deviation = np.sqrt(np.bincount(region, gaps**2) / count)
-    expected = PRECISION + CURVED * np.sqrt(np.bincount(region, spans**2) / count)
-    deviating = (count >= REGION_PROBES) & (deviation > REGION * expected)
-    return gaps, spans, deviating[region] & (gaps > PRECISION + CURVED * spans)
+    return gaps, errors + other_errors
+
+
+def deviating_regions(first: ProbedSurface, gaps: Floats, spans: Floats) -> NDArray[np.bool_]:
+    """Return which smooth regions have a mean deviation that sampling does not explain, shape (r,).
+
+    `gaps` and `spans` are those of all probes of the first surface.
+    """
+    region, total = first.curved.regions[first.faces], int(first.curved.regions.max()) + 1
+    count = np.maximum(np.bincount(region, minlength=total), 1)
+    deviation = np.sqrt(np.bincount(region, gaps**2, total) / count)
+    expected = PRECISION + CURVED * np.sqrt(np.bincount(region, spans**2, total) / count)
+    return np.asarray((count >= REGION_PROBES) & (deviation > REGION * expected))
+
+
+def _one_way(
+    first: ProbedSurface, second: ProbedSurface, motion: Similarity
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return distances of the probes, chord errors of both meshes, and which probes deviate by region."""
+    gaps, spans = distances_to(second, first.points, first.errors, motion)
+    deviating = deviating_regions(first, gaps, spans)[first.curved.regions[first.faces]]
+    return gaps, spans, deviating & (gaps > PRECISION + CURVED * spans)
