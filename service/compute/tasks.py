@@ -32,10 +32,13 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.class_probability import combined_scores
+from core.ranking.likeness import BENT
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.ranking.shortlist import signature_distances
 from core.registration.probed_surface import probed_surface
+from core.registration.rigid_alignment import rigid_alignment
 from core.registration.rigid_copy import RigidCopy, copy_by_surfaces
+from core.registration.similarity import Similarity
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.rendering.thumbnail import SIZES, draw
 
@@ -168,15 +171,30 @@ def registered(
     See `core.registration.rigid_copy`.
     """
     with guarded():
-        embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
-        pairs = Pipeline(parameters).match(*embeddings).correspondence
-        ends = [
-            embedding.positions[samples].astype("float64")
-            for embedding, samples in zip(embeddings, pairs.T, strict=True)
-        ]
-        return copy_by_surfaces(
-            probed_surface(first), probed_surface(second), (ends[0], ends[1]), variants=variants
-        )
+        ends = _matched_points(first_record, second_record, parameters)
+        return copy_by_surfaces(probed_surface(first), probed_surface(second), ends, variants=variants)
+
+
+def aligned(
+    first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
+) -> Similarity | None:
+    """Return the transform of the second mesh onto the first, of rigid parts that differ.
+
+    See `core.registration.rigid_alignment`: it is None for bodies that bend.
+    """
+    with guarded():
+        ends = _matched_points(first_record, second_record, parameters)
+        found = rigid_alignment(probed_surface(first), probed_surface(second), ends, BENT)
+        return found and found.inverse
+
+
+def _matched_points(
+    first_record: bytes, second_record: bytes, parameters: Parameters
+) -> tuple[Floats, Floats]:
+    """Return the positions of the matched samples of two embedding records, shapes (m, 3)."""
+    first, second = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
+    pairs = Pipeline(parameters).match(first, second).correspondence
+    return first.positions[pairs[:, 0]].astype("float64"), second.positions[pairs[:, 1]].astype("float64")
 
 
 def dense_correspondence(

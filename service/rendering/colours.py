@@ -1,6 +1,5 @@
 """Colours of vertices: by position, by correspondence and by difference."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -72,63 +71,20 @@ and Brewer 2003). It grows darker evenly, which people with and without colour b
 NO_PARTNER = np.array((31, 91, 255)) / 255.0
 """Blue, which people who do not see red, or green, tell from orange and brown."""
 
-LEAST_DISPLACEMENT = 0.01
-"""Smallest end of the scale of displacements, over the diagonal of the bounding box: differences that are
-rounding stay grey."""
-
 LARGEST_STRETCH = 1.0
-"""End of the scale of stretch: twice as long, or half as long."""
+"""End of the scale of stretch, a binary logarithm: twice as long, or half as long."""
 
 
-@dataclass(frozen=True, eq=False)
-class Difference:
-    """How much two shapes differ at each vertex of one of them.
-
-    Attributes
-    ----------
-    quantity : "displacement" or "stretch"
-        The magnitude of the displacement in units of the mesh, or of the binary logarithm of the stretch.
-    values : float64, shape (n,)
-    maximum : float
-        The end of the colour scale, > 0.
-    """
-
-    quantity: Literal["displacement", "stretch"]
-    values: Floats
-    maximum: float
+def stretch_colours(way: DenseCorrespondence) -> Floats:
+    """Return the colours of n vertices by their stretch; places without a partner are blue, shape (n, 3)."""
+    values = np.abs(np.log2(way.stretch.astype(np.float64)))
+    return np.where(way.partnered[:, None], scale_colours(values / LARGEST_STRETCH), NO_PARTNER)
 
 
-def differences(
-    ways: tuple[DenseCorrespondence, DenseCorrespondence], extents: tuple[float, float]
-) -> tuple[Difference, Difference]:
-    """Return the differences of both shapes, on one scale.
-
-    Parameters
-    ----------
-    ways : two DenseCorrespondence
-        From the first shape to the second, and back.
-    extents : two float
-        Diagonals of the bounding boxes.
-    """
-    first, second = (way.displacement for way in ways)
-    if first is None or second is None:
-        stretches = [np.abs(np.log2(way.stretch.astype(np.float64))) for way in ways]
-        of_first, of_second = (Difference("stretch", values, LARGEST_STRETCH) for values in stretches)
-        return of_first, of_second
-    scale = ways[0].scale
-    least = LEAST_DISPLACEMENT * max(extents[0], extents[1] / scale)
-    maximum = max(float(first.max()), float(second.max()) / scale, least)
-    return (
-        Difference("displacement", first.astype(np.float64), maximum),
-        Difference("displacement", second.astype(np.float64), maximum * scale),
-    )
-
-
-def difference_colours(difference: Difference, partnered: NDArray[np.bool_]) -> Floats:
-    """Return the colours of n vertices on the scale; places without a partner are blue, shape (n, 3)."""
-    position = np.clip(difference.values / difference.maximum, 0.0, 1.0) * (len(SCALE) - 1)
-    channels = [np.interp(position, np.arange(len(SCALE)), channel) for channel in SCALE.T]
-    return np.where(partnered[:, None], np.stack(channels, axis=1), NO_PARTNER)
+def scale_colours(shares: Floats) -> Floats:
+    """Return the colours of n shares of the end of the scale, shape (n, 3)."""
+    position = np.clip(shares, 0.0, 1.0) * (len(SCALE) - 1)
+    return np.stack([np.interp(position, np.arange(len(SCALE)), channel) for channel in SCALE.T], axis=1)
 
 
 def correspondence_colours(

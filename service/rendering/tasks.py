@@ -19,15 +19,19 @@ from core.embedding import DenseCorrespondence
 from core.io import FORMATS
 from core.mesh.cleaning import merge_vertices
 from core.mesh.mesh import Mesh
-from core.mesh.simplification import decimate, diagonal
+from core.mesh.simplification import decimate
+from core.numerics.guarding import guarded
+from core.registration.probed_surface import probed_surface
+from core.registration.similarity import Similarity
+from core.registration.surface_distances import surface_distances
 from service.rendering.colours import (
     Paint,
     colours_of_points,
     correspondence_colours,
-    difference_colours,
-    differences,
     interpolate_colours,
     opaque,
+    scale_colours,
+    stretch_colours,
 )
 from service.rendering.thumbnail import draw_painted, frame, upright
 
@@ -61,10 +65,13 @@ class GlbPart(ShownMesh):
         Additional `extras` of the node.
     colours : uint8, shape (n, 4) or (0, 4)
         Vertex colours (red, green, blue, opacity), if any.
+    frame : (float64, shape (3,), and float), or None
+        The middle and half the size of what is scaled to the common size; None for those of the mesh.
     """
 
     facts: dict[str, Any] = field(default_factory=dict)
     colours: NDArray[np.uint8] = field(default_factory=lambda: np.empty((0, 4), np.uint8))
+    frame: tuple[Floats, float] | None = None
 
 
 def write_glb(parts: list[GlbPart]) -> bytes:
@@ -89,7 +96,7 @@ def write_glb(parts: list[GlbPart]) -> bytes:
 
     for number, part in enumerate(parts):
         vertices, faces = part.mesh.vertices, part.mesh.faces
-        middle, half = frame(vertices)
+        middle, half = part.frame or frame(vertices)
         points = ((vertices - middle) / half).astype("<f4")
         bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
         attributes = {"POSITION": add(points, _FLOAT, "VEC3", **bounds)}
@@ -154,19 +161,36 @@ def coloured(pair: Sequence[ShownMesh], points: Sequence[Floats], faces: int) ->
     return write_glb(parts)
 
 
-def painted(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Paint) -> bytes:
-    """Return two meshes as one GLB, painted by their dense correspondence both ways.
+def painted(
+    pair: Sequence[ShownMesh], ways: Ways, paint: Paint, faces: int, size: int | None = None
+) -> bytes:
+    """Return two meshes painted by their dense correspondence both ways: as one GLB, or as a PNG with a size.
 
-    With "difference" the extras of each node have the `quantity` that is shown, the `maximum` of the scale,
-    in units of the mesh, and the share of vertices `without_partner`.
+    With "difference" the extras of each node have the `quantity` "stretch" and the share of vertices
+    `without_partner`. The PNG has both side by side on a transparent ground, `2 size` by `size` pixels.
     """
-    return write_glb(_painted_parts(pair, ways, faces, paint))
+    return _written(_painted_parts(pair, ways, faces, paint), size)
 
 
-def painted_picture(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Paint, size: int) -> bytes:
-    """Return both meshes as one PNG, side by side on a transparent background, `2 size` by `size` pixels."""
+def painted_distances(
+    pair: Sequence[ShownMesh], placing: Similarity, registered: bool, faces: int, size: int | None = None
+) -> bytes:
+    """Return two meshes in the frame of the first, each painted by its distance from the other, as `painted`.
+
+    `placing` maps the second mesh onto the first; `registered` tells whether it is that of a copy or variant.
+    The extras of each node have the `quantity` "distance", `registered`, the `largest` distance that sampling
+    does not explain, and the `maximum` of the scale, both in units of the first mesh.
+    """
+    return _written(_distance_parts(pair, placing, registered, faces), size)
+
+
+def _written(parts: list[GlbPart], size: int | None) -> bytes:
+    return write_glb(parts) if size is None else _picture(parts, size)
+
+
+def _picture(parts: list[GlbPart], size: int) -> bytes:
     picture = Image.new("RGBA", (2 * size, size))
-    for number, part in enumerate(_painted_parts(pair, ways, faces, paint)):
+    for number, part in enumerate(parts):
         colours = part.colours[:, :3] / 255.0
         drawn = draw_painted(part.mesh, part.format, size, part.mesh.vertices, colours)
         picture.paste(Image.open(BytesIO(drawn)).convert("RGBA"), (number * size, 0))
@@ -179,16 +203,9 @@ def _painted_parts(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Pai
     """Return both meshes, simplified for display, with their colours."""
     facts: list[dict[str, object]] = [{}, {}]
     if paint == "difference":
-        ends = differences(ways, (diagonal(pair[0].mesh), diagonal(pair[1].mesh)))
-        colours = [difference_colours(end, way.partnered) for end, way in zip(ends, ways, strict=True)]
-        facts = [
-            {
-                "quantity": end.quantity,
-                "maximum": end.maximum,
-                "without_partner": float(1.0 - way.partnered.mean()),
-            }
-            for end, way in zip(ends, ways, strict=True)
-        ]
+        colours = [stretch_colours(way) for way in ways]
+        without = [float(1.0 - way.partnered.mean()) for way in ways]
+        facts = [{"quantity": "stretch", "without_partner": share} for share in without]
     else:
         colours = [*correspondence_colours(pair[0].mesh.vertices, upright(pair[0].format), ways[1])]
     parts = []
@@ -199,6 +216,33 @@ def _painted_parts(pair: Sequence[ShownMesh], ways: Ways, faces: int, paint: Pai
         nearest = KDTree(vertices).query(part.mesh.vertices)[1] if simplified else slice(None)
         parts.append(replace(part, colours=opaque(painted_colours[nearest]), facts={**part.facts, **more}))
     return parts
+
+
+def _distance_parts(
+    pair: Sequence[ShownMesh], placing: Similarity, registered: bool, faces: int
+) -> list[GlbPart]:
+    """Return both meshes, simplified for display and refined where they differ, with their colours."""
+    parts = [_part(shown, faces) for shown in pair]
+    with guarded():
+        surfaces = probed_surface(pair[0].mesh), probed_surface(pair[1].mesh)
+        both = surface_distances((parts[0].mesh, parts[1].mesh), surfaces, placing.inverse)
+    scales = 1.0, placing.scale
+    maximum = max(scale * one.largest for scale, one in zip(scales, both, strict=True))
+    meshes = both[0].mesh, _placed(both[1].mesh, placing)
+    common = frame(pair[0].mesh.vertices)
+    painted_parts = []
+    for part, mesh, one, scale in zip(parts, meshes, both, scales, strict=True):
+        colours = opaque(scale_colours(one.deviating * scale * one.distances / (maximum or 1.0)))
+        facts = {"quantity": "distance", "registered": registered, "largest": scale * one.largest}
+        facts |= {"maximum": maximum, **part.facts}
+        painted_parts.append(GlbPart(part.name, pair[0].format, mesh, facts, colours, common))
+    return painted_parts
+
+
+def _placed(mesh: Mesh, placing: Similarity) -> Mesh:
+    """Return a mesh after a transform, its faces outward also after a reflection."""
+    faces = mesh.faces if np.linalg.det(placing.rotation) > 0.0 else mesh.faces[:, ::-1]
+    return Mesh(placing.apply(mesh.vertices), faces)
 
 
 def _part(shown: ShownMesh, faces: int) -> GlbPart:

@@ -14,8 +14,10 @@ from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding, Match, Scores
 from core.io import format_of
 from core.mesh.mesh import Mesh
+from core.parameters import Parameters
 from core.ranking.class_probability import combined_scores
 from core.ranking.shortlist import spectral_distances
+from core.registration.similarity import similarity_of
 from service.collection import CollectionNumber
 from service.collections.endpoints import InCollection, NamedInAddress
 from service.compute import tasks
@@ -82,8 +84,11 @@ class CompareParameters(NamedInAddress):
         default="correspondence",
         description="With dense, the colours of the GLB and of the picture. correspondence: by position on "
         "the first shape; places of the second without a partner are grey. difference: from grey over orange "
-        "to brown by how far each place has moved or how much it is stretched; places without a partner "
-        "are blue.",
+        "to brown; of rigid shapes, in the frame of the first, by the distance from the other surface, grey "
+        "where the errors of the meshes explain it. The extras of each node of a GLB have the quantity "
+        "distance, the largest distance and the maximum of the scale, in units of the first, and whether the "
+        "two are registered as copies or variants. Of bodies that bend, by the quantity stretch; places "
+        "without a partner are blue.",
     )
 
 
@@ -167,12 +172,13 @@ async def _compare(
         for given in (first_given, second_given)
     ]
     pipeline = active_pipeline.pipeline
+    parameters = pipeline.parameters
     with timings.stage("read"):
         reading = container.database.reading
         sample = await reading(collection_sample, container, active_pipeline, collection)
     with timings.stage("compare"):
         records = first.record, second.record
-        match = await container.queue.compare(tasks.match_embeddings, *records, pipeline.parameters)
+        match = await container.queue.compare(tasks.match_embeddings, *records, parameters)
         combined = await run_in_threadpool(_combined, first.embedding, second.embedding, match, sample)
         typical = await run_in_threadpool(_combined, first.embedding, second.embedding, match, None)
     with timings.stage("likeness"):
@@ -181,7 +187,7 @@ async def _compare(
             container,
             first,
             second,
-            pipeline.parameters,
+            parameters,
             spectral=float(spectral_distances(*signatures)[0]),
             cc=match.cc,
             probability=max(combined, typical),
@@ -215,19 +221,48 @@ async def _compare(
                 for shape, samples in zip((first, second), match.correspondence.T, strict=True)
             ]
             return Response(await do(rendering.coloured, pair, points, FACES), media_type=MEDIA_TYPE)
+    if options.format in {"glb", "png"}:
+        drawn = await _painted(container, pair, records, parameters, relation["transform"], options, timings)
+        return Response(drawn, media_type=PNG if options.format == "png" else MEDIA_TYPE)
     with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, pipeline.parameters)
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters)
     if options.format == "npz":
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
-    if options.format == "json":
-        # The answer of a large mesh takes longer to write than the event loop may wait.
-        text = await run_in_threadpool(lambda: in_json(**dense_fields(ways)).model_dump_json())
-        return Response(text, media_type="application/json")
+    # The answer of a large mesh takes longer to write than the event loop may wait.
+    text = await run_in_threadpool(lambda: in_json(**dense_fields(ways)).model_dump_json())
+    return Response(text, media_type="application/json")
+
+
+async def _painted(
+    container: Container,
+    pair: list[ShownMesh],
+    records: tuple[bytes, bytes],
+    parameters: Parameters,
+    transform: list[list[float]] | None,
+    options: CompareParameters,
+    timings: Timings,
+) -> bytes:
+    """Return a GLB or a picture of both meshes; `transform` is the answer's, of a copy or a variant.
+
+    Differences of other rigid parts are shown after the best alignment, and those of bodies that bend by the
+    dense correspondence.
+    """
+    do = container.queue.do
+    meshes = pair[0].mesh, pair[1].mesh
+    size = PICTURE_SIZE if options.format == "png" else None
+    if options.paint == "difference":
+        placing = None if transform is None else similarity_of(np.array(transform))
+        if placing is None:
+            with timings.stage("align"):
+                placing = await do(tasks.aligned, *meshes, *records, parameters)
+        if placing is not None:
+            with timings.stage("draw"):
+                registered = transform is not None
+                return await do(rendering.painted_distances, pair, placing, registered, FACES, size)
+    with timings.stage("dense"):
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters)
     with timings.stage("draw"):
-        painting = pair, ways, FACES, options.paint
-        if options.format == "png":
-            return Response(await do(rendering.painted_picture, *painting, PICTURE_SIZE), media_type=PNG)
-        return Response(await do(rendering.painted, *painting), media_type=MEDIA_TYPE)
+        return await do(rendering.painted, pair, ways, options.paint, FACES, size)
 
 
 def _dense_option(body: CompareForm | CompareRequest, options: CompareParameters) -> bool:

@@ -1,39 +1,17 @@
 // A query and its results in 3D, with their correspondences and differences.
 
-import { address, ask, formWith } from "./api.js";
-import { readGlb, readPaintings } from "./glb.js";
+import { address, ask } from "./api.js";
+import { Differences } from "./difference.js";
+import { readGlb } from "./glb.js";
 import {
   PLAIN, eigenfunction, heat, placesOf, queryEnds, resultEnds, sameSign, spreadColours,
 } from "./matching.js";
 import { Stage } from "./stage.js";
 
-/** @import { Model, Painting } from "./glb.js" */
+/** @import { Model } from "./glb.js" */
 /** @import { Ends } from "./matching.js" */
 /** @import { View } from "./stage.js" */
 /** @import { Embedding, Pair } from "./types.js" */
-
-/**
- * The paintings of two shapes, each an id or a file.
- * @param {string | File} first
- * @param {string | File} second
- */
-async function differences(first, second) {
-  const body = formWith({ first, second });
-  const where = address("compare", { dense: "true", format: "glb", paint: "difference" });
-  return readPaintings(await (await ask(where, { method: "POST", body })).arrayBuffer());
-}
-
-/**
- * Such as "Brown: 0.64 in the unit of the shape; 8 % of its vertices correspond to none".
- * @param {Painting} painting
- */
-function told({ extras }) {
-  const { quantity, maximum, without_partner: without } = extras;
-  const most = quantity === "displacement"
-    ? `Brown: ${Number(maximum.toPrecision(2))} in the unit of the shape`
-    : "Brown: twice or half as long as elsewhere";
-  return without > 0.0005 ? `${most}; ${Math.max(1, Math.round(100 * without))} % of its vertices correspond to none` : most;
-}
 
 /**
  * One shape that is shown.
@@ -78,8 +56,7 @@ export class Comparison {
     this.sides = sides;
     this.tell = tell;
     this.row = -1;
-    /** How the shapes are to be painted. */
-    this.how = "";
+    this.differences = new Differences(sides);
     for (const [number, { view, ends }] of sides.entries()) {
       view.setPoints(ends.points, ends.colours, ends.effective);
       view.canvas.addEventListener("pointermove", (event) => {
@@ -129,31 +106,15 @@ export class Comparison {
 
   /** @param {string} how "plain", "correspondence", "difference", or the number of an eigenmap. */
   async paint(how) {
-    this.how = how;
-    for (const { shown } of this.sides) shown.explain?.("");
+    this.differences.hide();
     if (how === "difference") {
-      await this.paintDifference();
+      await this.differences.show();
     } else if (how === "plain") {
       for (const { view } of this.sides) view.paint(PLAIN);
     } else if (how === "correspondence") {
       for (const { view, ends } of this.sides) view.paint(spreadColours(view.model, ends.points, ends.colours));
     } else {
       await this.paintEigenmap(Number(how));
-    }
-  }
-
-  /** Paint each result by its difference from the query, and the query by that from the first result. */
-  async paintDifference() {
-    const [query, ...results] = this.sides;
-    for (const { view } of this.sides) view.paint(PLAIN);
-    for (const [i, { view, shown }] of results.entries()) {
-      if (query.shown.given === undefined || shown.given === undefined) continue;
-      const [one, other] = await differences(query.shown.given, shown.given);
-      // Another colouring may have been chosen meanwhile.
-      if (this.how !== "difference") return;
-      if (i === 0) query.view.paint(one.colours);
-      view.paint(other.colours);
-      shown.explain?.(told(other));
     }
   }
 

@@ -10,13 +10,23 @@
  */
 
 /**
- * Read the first primitive of a preview.
+ * Read the mesh of a preview.
  * @param {ArrayBuffer} data
  * @returns {Model}
  */
 export function readGlb(data) {
   const { tree, bytes } = opened(data);
-  const node = tree.nodes[0];
+  return modelOf(data, tree, bytes, tree.nodes[0]);
+}
+
+/**
+ * @param {ArrayBuffer} data
+ * @param {any} tree
+ * @param {(number: number) => [number, number]} bytes
+ * @param {any} node
+ * @returns {Model}
+ */
+function modelOf(data, tree, bytes, node) {
   const primitive = tree.meshes[node.mesh].primitives[0];
   const [points, pointBytes] = bytes(primitive.attributes.POSITION);
   const [faces, faceBytes] = bytes(primitive.indices);
@@ -30,14 +40,25 @@ export function readGlb(data) {
 }
 
 /**
- * The painting of one mesh of a comparison.
- * @typedef {object} Painting
- * @property {Float32Array} colours Red, green and blue of each vertex, from 0 to 1.
- * @property {{ quantity: string, maximum: number, without_partner: number }} extras
+ * How two shapes differ: `distance`, after an alignment that may be that of a registered copy or variant, with
+ * the end of the scale; or `stretch`, of bodies that bend.
+ * @typedef {object} Extras
+ * @property {string} quantity
+ * @property {boolean} [registered]
+ * @property {number} [maximum]
+ * @property {number} [without_partner]
  */
 
 /**
- * Read the colours of all meshes of a comparison; their vertices are those of the previews.
+ * One painted mesh of a comparison.
+ * @typedef {object} Painting
+ * @property {Model} model
+ * @property {Float32Array} colours Red, green and blue of each vertex, from 0 to 1.
+ * @property {Extras} extras
+ */
+
+/**
+ * Read all meshes of a comparison, each where the service places it by itself: at the origin.
  * @param {ArrayBuffer} data
  * @returns {Painting[]}
  */
@@ -48,7 +69,8 @@ export function readPaintings(data) {
     const stored = new Uint8Array(data, start, length);
     const colours = new Float32Array((length / 4) * 3);
     for (let i = 0; i < colours.length; i++) colours[i] = stored[4 * Math.floor(i / 3) + (i % 3)] / 255;
-    return { colours, extras: node.extras };
+    const model = modelOf(data, tree, bytes, node);
+    return { model: { ...model, matrix: [...model.matrix.slice(0, 12), 0, 0, 0, 1] }, colours, extras: node.extras };
   });
 }
 

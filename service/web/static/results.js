@@ -4,6 +4,7 @@ import { address } from "./api.js";
 import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { saveTable } from "./csv.js";
+import { listen } from "./difference.js";
 import { byId, cached, make, showError } from "./dom.js";
 import { measures, sizes } from "./facts.js";
 import { similarLink } from "./shape_card.js";
@@ -150,6 +151,7 @@ const COLUMNS = [
 byId("results-export", HTMLButtonElement).addEventListener("click", () => saveTable(`similar to ${listed.name}.csv`, [
   COLUMNS.map(([name]) => name), ...listed.results.map((result) => COLUMNS.map(([, value]) => value(result))),
 ]));
+listen(() => shown?.differences);
 paint.addEventListener("change", () => repaint().catch((error) => showError(errorBox, error)));
 points.addEventListener("change", () => shown?.showPoints(points.checked && paint.value !== "difference"));
 byId("previous-point", HTMLButtonElement).addEventListener("click", () => shown?.step(-1));

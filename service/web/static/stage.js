@@ -19,6 +19,54 @@ const PICK_DISTANCE = 14;
 /** The matrix from the coordinates of a model to those of its file. @param {Model} model */
 const toFile = ({ middle: [x, y, z], half }) => new Matrix4().makeScale(half, half, half).setPosition(x, y, z);
 
+/** @typedef {{ group: Group, weight: number }} Layer */
+/** @typedef {{ radius: number, middle: Vector3, frame: Model }} Seen */
+
+const surface = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide });
+// Refined meshes have triangles of many sizes, over which smooth shading would be uneven at sharp edges.
+const refined = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide, flatShading: true });
+
+/** @param {Model} model */
+function placedGroup(model) {
+  const group = new Group();
+  group.matrixAutoUpdate = false;
+  group.matrix.fromArray(model.matrix);
+  return group;
+}
+
+/** @param {Model} model */
+function geometryOf(model) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(model.positions, 3));
+  geometry.setIndex(new BufferAttribute(model.indices, 1));
+  geometry.computeVertexNormals();
+  geometry.computeBoundingSphere();
+  return geometry;
+}
+
+/**
+ * The distance of the farthest vertex from a point.
+ * @param {Model} model
+ * @param {Vector3} middle
+ * @param {Matrix4} [matrix] Where the model is drawn.
+ */
+function reach({ positions, matrix: own }, middle, matrix = new Matrix4().fromArray(own)) {
+  const at = new Vector3();
+  let most = 0;
+  for (let i = 0; i < positions.length; i += 3) {
+    most = Math.max(most, at.fromArray(positions, i).applyMatrix4(matrix).distanceTo(middle));
+  }
+  return most;
+}
+
+/** @param {BufferGeometry} geometry @param {Float32Array} colours Red, green and blue of each vertex. */
+function setColours(geometry, colours) {
+  const linear = new Color();
+  const stored = new Float32Array(colours.length);
+  for (let i = 0; i < stored.length; i += 3) linear.setRGB(colours[i], colours[i + 1], colours[i + 2], "srgb").toArray(stored, i);
+  geometry.setAttribute("color", new BufferAttribute(stored, 3));
+}
+
 /** One shape on its canvas. */
 export class View {
   /**
@@ -31,22 +79,19 @@ export class View {
     this.canvas = canvas;
     this.model = model;
     this.scene = new Scene();
-    this.group = new Group();
-    this.group.matrixAutoUpdate = false;
-    this.group.matrix.fromArray(model.matrix);
+    this.group = placedGroup(model);
     this.light = new DirectionalLight(0xffffff, 2.2);
     this.scene.add(this.group, this.light, new AmbientLight(0xffffff, 1.1));
-    this.geometry = new BufferGeometry();
-    this.geometry.setAttribute("position", new BufferAttribute(model.positions, 3));
-    this.geometry.setIndex(new BufferAttribute(model.indices, 1));
-    this.geometry.computeVertexNormals();
-    this.geometry.computeBoundingSphere();
+    this.geometry = geometryOf(model);
     this.radius = this.geometry.boundingSphere?.radius || 1;
     this.middle = (this.geometry.boundingSphere?.center ?? new Vector3()).applyMatrix4(this.group.matrix);
-    this.surface = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide });
-    this.group.add(new Mesh(this.geometry, this.surface));
     /** The model of the file whose axes the drawing has. */
     this.frame = model;
+    /** What the camera looks at: the shape, or what is drawn in its place. @type {Seen} */
+    this.seen = this;
+    this.group.add(new Mesh(this.geometry, surface));
+    /** What is drawn one over the other, each by its weight. @type {Layer[]} */
+    this.layers = [{ group: this.group, weight: 1 }];
     /** @type {Vector3[]} */
     this.points = [];
     /** @type {InstancedMesh | null} */
@@ -71,18 +116,14 @@ export class View {
     matrix.premultiply(other.group.matrix);
     this.frame = other.model;
     this.middle = other.middle;
-    this.radius = other.radius;
     // A variant may be larger.
-    const { positions } = this.model, at = new Vector3();
-    for (let i = 0; i < positions.length; i += 3) {
-      this.radius = Math.max(this.radius, at.fromArray(positions, i).applyMatrix4(matrix).distanceTo(this.middle));
-    }
+    this.radius = Math.max(other.radius, reach(this.model, other.middle, matrix));
     this.turn(this.stage.up);
   }
 
   /** @param {string} axis The axis of the file that points up; empty for that of its format. */
   turn(axis) {
-    bringUp(this.scene.quaternion, this.frame, axis);
+    bringUp(this.scene.quaternion, this.seen.frame, axis);
     this.stage.changed();
   }
 
@@ -92,10 +133,41 @@ export class View {
   paint(colours) {
     const each = colours instanceof Float32Array ? colours : new Float32Array(this.model.positions.length);
     if (!(colours instanceof Float32Array)) for (let i = 0; i < each.length; i++) each[i] = colours[i % 3];
-    const linear = new Color();
-    const stored = new Float32Array(each.length);
-    for (let i = 0; i < each.length; i += 3) linear.setRGB(each[i], each[i + 1], each[i + 2], "srgb").toArray(stored, i);
-    this.geometry.setAttribute("color", new BufferAttribute(stored, 3));
+    setColours(this.geometry, each);
+    this.stage.changed();
+  }
+
+  /**
+   * Draw other meshes in the place of the shape, or itself if there are none.
+   * @param {{ model: Model, colours: Float32Array, weight: number }[]} meshes
+   * @param {View} [other] The view in whose frame they are.
+   */
+  overlay(meshes, other = this) {
+    for (const { group } of this.layers) {
+      if (group === this.group) continue;
+      this.scene.remove(group);
+      for (const mesh of group.children) if (mesh instanceof Mesh) mesh.geometry.dispose();
+    }
+    this.layers = meshes.map(({ model, colours, weight }) => {
+      const group = placedGroup(model), geometry = geometryOf(model);
+      setColours(geometry, colours);
+      this.scene.add(group.add(new Mesh(geometry, refined)));
+      group.visible = false;
+      return { group, weight };
+    });
+    if (meshes.length === 0) this.layers = [{ group: this.group, weight: 1 }];
+    this.seen = this;
+    if (other !== this) {
+      // A part of another size is drawn whole, too.
+      const radius = Math.max(...meshes.map(({ model }) => reach(model, other.middle)));
+      this.seen = { radius: Math.max(other.radius, radius), middle: other.middle, frame: other.frame };
+    }
+    this.turn(this.stage.up);
+  }
+
+  /** @param {number[]} weights The share of each layer in the picture. */
+  weigh(weights) {
+    for (const [i, weight] of weights.entries()) this.layers[i].weight = weight;
     this.stage.changed();
   }
 
@@ -249,15 +321,15 @@ export class Stage {
   /** Point the camera at a shape. @param {View} view */
   aim(view) {
     const { camera } = this;
-    const distance = (1.05 * view.radius) / Math.sin((FIELD_OF_VIEW / 2) * RADIANS) / this.zoom;
+    const distance = (1.05 * view.seen.radius) / Math.sin((FIELD_OF_VIEW / 2) * RADIANS) / this.zoom;
     const level = Math.cos(this.elevation);
-    const turn = view.scene.quaternion, middle = view.middle.clone().applyQuaternion(turn);
+    const turn = view.scene.quaternion, middle = view.seen.middle.clone().applyQuaternion(turn);
     camera.position
       .set(level * Math.sin(this.azimuth), Math.sin(this.elevation), level * Math.cos(this.azimuth))
       .multiplyScalar(distance)
       .add(middle);
     camera.near = distance / 50;
-    camera.far = distance + 4 * view.radius;
+    camera.far = distance + 4 * view.seen.radius;
     camera.aspect = view.canvas.clientWidth / Math.max(1, view.canvas.clientHeight);
     camera.lookAt(middle);
     camera.updateProjectionMatrix();
@@ -275,10 +347,17 @@ export class Stage {
       if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
       this.renderer.setSize(width, height, false);
       this.aim(view);
-      this.renderer.render(view.scene, this.camera);
       const flat = canvas.getContext("2d");
       flat?.clearRect(0, 0, width, height);
-      flat?.drawImage(this.renderer.domElement, 0, 0);
+      view.group.visible = false;
+      for (const { group, weight } of view.layers) {
+        group.visible = true;
+        this.renderer.render(view.scene, this.camera);
+        group.visible = false;
+        // Pictures are added by their weights, so that what they have in common is as opaque as in each.
+        if (flat) Object.assign(flat, { globalAlpha: weight, globalCompositeOperation: "lighter" });
+        flat?.drawImage(this.renderer.domElement, 0, 0);
+      }
       canvas.dataset.drawn = "yes";
     }
   }

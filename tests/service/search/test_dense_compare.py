@@ -10,6 +10,7 @@ from PIL import Image
 
 from core.embedding import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
+from core.gallery.bodies import make_body
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.compute import tasks
@@ -18,6 +19,8 @@ from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned
 from tests.service.previews.test_previews import read_glb
 from tests.service.support import Running, assert_problem, small_file
+from tests.studies.copies import moved
+from tests.studies.machine_parts import Drawing, part
 
 OTHER = write_mesh(scaled(turned(read_mesh(small_file(1), "off"), 3), 25.4), "off")
 COUNT = 122
@@ -121,27 +124,75 @@ def test_both_meshes_are_painted_alike(shared: Running, ids: tuple[str, str]) ->
     assert np.ptp(one[:, :3], axis=0).min() > 150
 
 
-def test_a_missing_leg_is_painted_blue(shared: Running) -> None:
-    files = [("three.off", write_mesh(chair(3), "off")), ("four.off", write_mesh(chair(4), "off"))]
-    found = dense(shared, *files, format="glb", paint="difference")
+def in_frame_of_first(
+    found: httpx.Response,
+) -> tuple[list[dict[str, Any]], list[np.ndarray], list[np.ndarray]]:
+    """The extras, the vertices and the colours of both nodes."""
     assert found.status_code == 200, found.text
-    tree, _, (one, two) = read_glb(found.content)
-    blue = np.rint(255 * dense_colours.NO_PARTNER)
+    tree, positions, colours = read_glb(found.content)
     extras = [node["extras"] for node in tree["nodes"]]
-    assert [each["quantity"] for each in extras] == ["displacement", "displacement"]
-    assert extras[0]["maximum"] == pytest.approx(extras[1]["maximum"], rel=0.02)
-    assert extras[1]["without_partner"] > 0.05 > extras[0]["without_partner"]
-    missing = (two[:, :3] == blue).all(axis=1)
-    assert 60 < missing.sum() < 90
-    whole = chair(4).vertices
-    assert (whole[missing][:, 0] > 0.95).all()
-    assert (whole[missing][:, 1] > 0.85).all()
-    # The rest has not moved: light grey.
-    assert (np.abs(two[~missing][:, :3].astype(int) - [228, 229, 232]).max(axis=1) < 40).mean() > 0.98
-    # The face of the chair without the leg where the leg begins is inside the other chair.
-    socket = chair(3).vertices[(one[:, :3] == blue).all(axis=1)]
-    np.testing.assert_allclose(socket, np.broadcast_to([1.1, 1.0, 1.0], socket.shape), atol=0.11)
-    assert (socket[:, 2] == 1.0).all()
+    points = [each["half"] * at + each["middle"] for each, at in zip(extras, positions, strict=True)]
+    return extras, points, [each[:, :3].astype(int) for each in colours]
+
+
+def test_a_missing_leg_is_painted_by_its_distance(shared: Running) -> None:
+    whole = moved(chair(4), 3, scale=25.4)
+    files = [("three.off", write_mesh(chair(3), "off")), ("four.off", write_mesh(whole, "off"))]
+    found = dense(shared, *files, format="glb", paint="difference")
+    extras, points, colours = in_frame_of_first(found)
+    assert [each["quantity"] for each in extras] == ["distance", "distance"]
+    assert not any(each["registered"] for each in extras)
+    # The middle of the socket is 0.1 from its rim, and the far edge of the foot 0.9 from the next leg.
+    assert [each["largest"] for each in extras] == pytest.approx([0.1, 0.9], rel=0.01)
+    assert [each["maximum"] for each in extras] == pytest.approx([0.9, 0.9], rel=0.01)
+    for at in points:
+        np.testing.assert_allclose(at.min(axis=0), 0.0, atol=1e-3)
+        np.testing.assert_allclose(at.max(axis=0), [1.2, 1.1, 2.4], atol=1e-3)
+    grey, brown = np.rint(255 * dense_colours.SCALE[[0, -1]])
+    four = points[1]
+    leg = (four[:, 0] > 0.99) & (four[:, 1] > 0.89) & (four[:, 2] < 0.999)
+    foot = leg & (four[:, 0] > 1.101) & (four[:, 1] > 1.099) & (four[:, 2] < 0.01)
+    assert foot.any()
+    assert np.abs(colours[1][foot] - brown).max() <= 2
+    assert (colours[1][~leg & (four[:, 2] > 1.001)] == grey).all()
+    assert (colours[1][leg & (four[:, 2] < 0.9)] != grey).any(axis=1).all()
+    # On the chair of three legs the socket alone differs.
+    socket = points[0][(colours[0] != grey).any(axis=1)]
+    np.testing.assert_allclose(socket, np.broadcast_to([1.1, 1.0, 1.0], socket.shape), atol=0.101)
+
+
+def test_a_copy_has_no_difference_and_lies_on_the_first(shared: Running, ids: tuple[str, str]) -> None:
+    found = dense(shared, *ids, format="glb", paint="difference")
+    extras, points, colours = in_frame_of_first(found)
+    ball = read_mesh(small_file(1), "off").vertices
+    for each, at, painted in zip(extras, points, colours, strict=True):
+        assert each["registered"]
+        assert (each["largest"], each["maximum"]) == (0.0, 0.0)
+        assert (painted == np.rint(255 * dense_colours.SCALE[0])).all()
+        gaps = np.linalg.norm(ball[:, None] - at[None], axis=2).min(axis=1)
+        assert gaps.max() < 1e-4 * np.ptp(ball)
+
+
+def test_a_hole_in_a_large_triangle_is_painted(shared: Running) -> None:
+    plain, drilled = (part("plate", Drawing(3, 0.02, change=change)) for change in (None, "hole"))
+    radius = Drawing(3, 0.02).draw(3, 6, 3)
+    files = [("plain.stl", write_mesh(plain, "stl")), ("drilled.stl", write_mesh(moved(drilled, 4), "stl"))]
+    extras, points, colours = in_frame_of_first(dense(shared, *files, format="glb", paint="difference"))
+    assert all(each["registered"] for each in extras)
+    assert extras[0]["largest"] == pytest.approx(radius, rel=0.02)
+    darkest = points[0][colours[0].sum(axis=1).argmin()]
+    changed = points[0][(colours[0] != np.rint(255 * dense_colours.SCALE[0])).any(axis=1)]
+    assert np.linalg.norm(changed[:, :2] - darkest[:2], axis=1).max() == pytest.approx(radius, rel=0.05)
+
+
+def test_a_pose_is_painted_by_its_stretch(shared: Running) -> None:
+    body = make_body("hand")
+    files = [(f"{pose}.off", write_mesh(body.posed(pose), "off")) for pose in (0, 1)]
+    tree, _, colours = read_glb(dense(shared, *files, format="glb", paint="difference").content)
+    for node, painted in zip(tree["nodes"], colours, strict=True):
+        assert node["extras"]["quantity"] == "stretch"
+        assert node["extras"]["without_partner"] < 0.1
+        assert len(painted) == len(body.posed(0).vertices)
 
 
 def test_a_picture_shows_both_side_by_side(shared: Running, ids: tuple[str, str]) -> None:
