@@ -231,21 +231,7 @@ class MatchingParameters(Group):
         return self
 
 
-class RankingParameters(Group):
-    """The threshold of a match.
-
-    Attributes
-    ----------
-    match_threshold : float
-        A query whose best CC is below this value has no match (Algorithm 3's unmatched shapes).
-        `isoshape classify` finds the best value for a collection: 0.980 for half of PSB, 0.985 for the made
-        gallery, 0.992 for half of SHREC'11.
-    """
-
-    match_threshold: float = Field(default=0.98, ge=-1.0, le=1.0)
-
-
-GROUPS = ("mesh", "sampling", "spectral", "matching", "ranking")
+GROUPS = ("mesh", "sampling", "spectral", "matching")
 
 
 class Parameters(BaseModel):
@@ -261,7 +247,6 @@ class Parameters(BaseModel):
     sampling: SamplingParameters = SamplingParameters()
     spectral: SpectralParameters = SpectralParameters()
     matching: MatchingParameters = MatchingParameters()
-    ranking: RankingParameters = RankingParameters()
 
     @model_validator(mode="after")
     def _fit_the_dimensions(self) -> Self:

@@ -7,6 +7,10 @@ tells all other pairs apart. Clients import this module, so it imports no arrays
 
 from typing import Literal
 
+import numpy as np
+
+from core.arrays import Floats
+
 Likeness = Literal["same", "scaled", "mirrored", "variant", "pose", "similar", "weak"]
 """The likeness of a second shape to a first one.
 
@@ -25,20 +29,19 @@ Copy = Literal["same", "scaled", "mirrored", "variant"]
 SAME_SIZE = 0.03
 """Two copies have one size if their scale differs from 1 by at most this."""
 
-NEAR_ISOMETRIC = 0.045
-"""Largest spectral distance of two nearly isometric surfaces: the Euclidean distance between the logarithms
-of their first 30 Laplace-Beltrami eigenvalues, divided by the root of 30.
+NEAR_ISOMETRIC = 0.07
+"""Largest isometry distance (`isometry_distance`) of two nearly isometric surfaces.
 
 A compromise: poses of one body that are further apart are told as similar, and individuals of one class that
 are nearer as poses. docs/likeness.md has the shares of both."""
 
-POSE_CC = 0.97
+POSE_CC = 0.96
 """Least CC of two nearly isometric surfaces."""
 
 BENT = 0.103
 """Least distance of corresponding samples after the best similarity transform
 (`core.registration.similarity.bend`), over the root of the area, of two poses of one body. Rigid parts that
-differ have at most 0.102."""
+differ have at most 0.102, if their proportions are alike."""
 
 SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
@@ -53,29 +56,39 @@ def copy_likeness(scale: float, *, mirrored: bool, variant: bool = False) -> Cop
     return "same" if max(scale, 1.0 / scale) <= 1.0 + SAME_SIZE else "scaled"
 
 
-def may_be_pose(spectral: float, cc: float) -> bool:
-    """Return whether spectral distance and CC allow two poses of one body."""
-    return spectral <= NEAR_ISOMETRIC and cc >= POSE_CC
+def isometry_distance(steps: Floats, growth: float) -> float:
+    """Return how far two surfaces are from isometric, >= 0: 0 for two ideal poses of one body.
+
+    `steps` are the differences of their log eigenvalues at unit area, each over the root of their number, and
+    `growth` is the difference of the logarithms of their volumes at unit area, 0 where one is open. Bending
+    keeps the volume nearly, and moves eigenvalues up and down, whereas a factor common to all, which counts
+    five times here, is one of proportions.
+    """
+    common = steps.mean() ** 2 * len(steps)
+    return float(np.sqrt(steps @ steps + 4.0 * common + growth**2))
+
+
+def may_be_pose(isometry: float, cc: float) -> bool:
+    """Return whether isometry distance, or the spectral distance, which is no larger, and CC allow a pose."""
+    return isometry <= NEAR_ISOMETRIC and cc >= POSE_CC
 
 
 def likeness(
     *,
-    spectral: float,
-    cc: float,
     probability: float,
-    scale: float | None,
+    scale: float | None = None,
     mirrored: bool = False,
     variant: bool = False,
-    bend: float = 0.0,
+    pose: bool = False,
 ) -> Likeness:
     """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
-    `spectral` is the distance of their log eigenvalues, >= 0, and `probability` that of one class. `scale`,
-    length in the second over length in the first, is None unless registration found a copy; `mirrored` and
-    `variant` tell its kind. `bend` is that of their correspondence over the root of the area, 0 if unknown.
+    `probability` is that of one class. `scale`, length in the second over length in the first, is None unless
+    registration found a copy; `mirrored` and `variant` tell its kind. `pose` tells whether the surfaces are
+    nearly isometric (`may_be_pose`) and bent by `BENT`.
     """
     if scale is not None:
         return copy_likeness(scale, mirrored=mirrored, variant=variant)
-    if may_be_pose(spectral, cc) and bend >= BENT:
+    if pose:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

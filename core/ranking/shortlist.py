@@ -47,9 +47,16 @@ def spectral_distances(query: Float32s, signatures: Float32s) -> Floats:
 
     Their last values are global descriptors, which do not count here.
     """
+    return np.asarray(np.linalg.norm(eigenvalue_steps(query, signatures), axis=1))
+
+
+def eigenvalue_steps(query: Float32s, signatures: Float32s) -> Floats:
+    """Return the differences of the k log eigenvalues of c signatures from a query's, shape (c, k).
+
+    Each is divided by the root of k, so that the norm of a row is a root mean square.
+    """
     values = len(query) - GLOBAL_DESCRIPTORS
-    steps = signatures[:, :values].astype(np.float64) - query[:values]
-    return np.asarray(np.linalg.norm(steps, axis=1))
+    return signatures[:, :values].astype(np.float64) - query[:values]
 
 
 def global_distances(query: Float32s, signatures: Float32s) -> Floats:

@@ -30,6 +30,9 @@ TINY = float(np.finfo(np.float64).tiny)
 POWER = 2.0
 """Power of the area of a facet in its weight: a plane gives the normal at its border to a fillet."""
 
+PLANE = 4.0
+"""Area of a plane over that of the facets of a fillet that meets it, at least."""
+
 SPACING, QUALITY = 0.5, 0.5
 """Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges; and
 the least quality of its triangles, which is 1 for an equilateral one."""
@@ -57,6 +60,8 @@ class CurvedSurface:
         its smooth edges, as a sphere bends in two directions.
     spread : float64, shape (f, 3)
         Largest chord error around each corner: of its triangles, and the mean of their smooth regions.
+    own : float64, shape (f,)
+        Chord error of each triangle itself, or the mean of its smooth region: 0 for planes.
     regions : int64, shape (f,)
         The smooth region of each triangle: regions meet at sharp edges.
     twins : int64, shape (3 f,)
@@ -78,6 +83,7 @@ class CurvedSurface:
     flat: Floats
     chord: Floats
     spread: Floats
+    own: Floats
     regions: Ints
     twins: Ints
     sharp: Ints
@@ -101,11 +107,19 @@ class CurvedSurface:
         return np.linalg.eigvalsh(moments)
 
     @cached_property
+    def at_rim(self) -> NDArray[np.bool_]:
+        """Whether each half-edge is one of a sharp edge or of the boundary, shape (3 f,)."""
+        at_rim = np.zeros(len(self.twins), dtype=bool)
+        at_rim[self.sharp] = True
+        at_rim[self.twins[self.sharp]] |= self.twins[self.sharp] >= 0
+        return at_rim
+
+    @cached_property
     def faceted(self) -> "CurvedSurface":
         """The triangles themselves as the surface, without chord errors."""
         flat = np.repeat(self.flat[:, None], 3, axis=1)
         none = np.zeros(len(self.corners))
-        surface = replace(self, normals=flat, chord=none, spread=np.zeros((len(none), 3)))
+        surface = replace(self, normals=flat, chord=none, spread=np.zeros((len(none), 3)), own=none)
         vars(surface)["tree"] = self.tree
         return surface
 
@@ -138,6 +152,10 @@ class CurvedSurface:
         smooth = np.einsum("nc,ncx->nx", shares, normals)
         smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), TINY)
         return points + bulge, smooth, np.einsum("nc,nc->n", shares, self.spread[faces])
+
+    def sagged(self, shares: Floats, faces: Ints) -> Floats:
+        """Return the chord errors of points themselves, shape (n,): none at a vertex or on a plane."""
+        return np.asarray(1.5 * (1.0 - np.einsum("nc,nc->n", shares, shares)) * self.own[faces])
 
     def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
         """Return the closest points of the triangles, as shares and faces.
@@ -191,6 +209,12 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     sagittas = np.where(bent, 0.5 * widths * np.tan(0.25 * np.arccos(np.clip(cosines, -1.0, 1.0))), 0.0)
     chord = _sums(np.concatenate([faces, others]), np.tile(sagittas, 2), len(corners))
     regions = _regions(len(corners), faces[smooth], others[smooth])
+    # A facet that is much larger than all to which it bends is a plane that a fillet meets.
+    facet_areas = _sums(facets, areas)
+    largest = np.zeros(len(facet_areas))
+    for ours, theirs in ((faces[bent], others[bent]), (others[bent], faces[bent])):
+        np.maximum.at(largest, facets[ours], facet_areas[facets[theirs]])
+    plane = (facet_areas > PLANE * largest)[facets]
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
     errors = np.maximum(chord, means[regions])
@@ -212,11 +236,12 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     return CurvedSurface(
         corners=corners,
         normals=corner_normals(
-            mesh.faces, corners, flat, _sums(facets, areas)[facets], half_edge[smooth], twin[smooth]
+            mesh.faces, corners, flat, facet_areas[facets], half_edge[smooth], twin[smooth]
         ),
         flat=flat,
         chord=chord,
         spread=around[mesh.faces],
+        own=np.where(plane, 0.0, errors),
         regions=regions,
         twins=twins,
         sharp=np.concatenate([on_curved[~smooth], unpaired]),

@@ -37,6 +37,8 @@ class ProbedSurface:
         Their faces.
     points : float64, shape (n, 3)
         The probes on the smooth surface.
+    normals : float64, shape (n, 3)
+        Its unit normals there.
     errors : float64, shape (n,)
         The chord error at each probe.
     fit : int64, shape (k,)
@@ -50,6 +52,7 @@ class ProbedSurface:
     shares: Floats
     faces: Ints
     points: Floats
+    normals: Floats
     errors: Floats
     fit: Ints
     rims: Floats
@@ -58,8 +61,8 @@ class ProbedSurface:
     def faceted(self) -> "ProbedSurface":
         """The surface whose triangles approximate nothing: the probes lie on them, without chord errors."""
         curved = self.curved.faceted
-        points, _, errors = curved.at(self.shares, self.faces)
-        return replace(self, curved=curved, points=points, errors=errors)
+        points, normals, errors = curved.at(self.shares, self.faces)
+        return replace(self, curved=curved, points=points, normals=normals, errors=errors)
 
     @cached_property
     def rim_tree(self) -> cKDTree:
@@ -90,17 +93,19 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
     spread, spread_faces = evenly_spread_shares(areas, SPREAD)
     shares = np.concatenate([np.eye(3)[corners % 3], on_sides, spread])
     faces = np.concatenate([corners // 3, sides // 3, spread_faces])
-    points, _, errors = curved.at(shares, faces)
+    points, normals, errors = curved.at(shares, faces)
     start = len(corners)
     on_rims = np.arange(start, start + len(along))
+    after = np.arange(start + len(sides), len(faces))
     return ProbedSurface(
         samples=samples,
         curved=curved,
         shares=shares,
         faces=faces,
         points=points,
+        normals=normals,
         errors=errors,
-        fit=np.concatenate([on_rims[::FIT], np.arange(start + len(sides), len(faces), FIT)]),
+        fit=np.concatenate([np.arange(0, start, FIT), on_rims[::FIT], after[::FIT]]),
         rims=points[on_rims],
     )
 

@@ -74,8 +74,12 @@ class _Fit(NamedTuple):
 
     @classmethod
     def of(cls, first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Self:
-        ahead, _ = distances_to(second, first.points[-SPREAD:], first.errors[-SPREAD:], motion)
-        behind, _ = distances_to(first, second.points[-SPREAD:], second.errors[-SPREAD:], motion.inverse)
+        ahead, behind = (
+            distances_to(other, one.points[-SPREAD:], one.normals[-SPREAD:], one.errors[-SPREAD:], transform)[
+                0
+            ]
+            for one, other, transform in ((first, second, motion), (second, first, motion.inverse))
+        )
         ways = ahead, behind * motion.scale
         return cls(
             motion,

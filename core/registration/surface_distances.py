@@ -89,7 +89,8 @@ class _Refined:
         self.unit = to_unit_area(own.samples)
         mesh = refine(Mesh(self.unit.apply(shown.vertices[chosen]), group[shown.faces]), EVERYWHERE)
         self.vertices, self.faces = mesh.vertices, mesh.faces
-        self.regions = deviating_regions(own, *distances_to(other, own.points, own.errors, motion))
+        _, places, spans = distances_to(other, own.points, own.normals, own.errors, motion)
+        self.regions = deviating_regions(own, places, spans)
         self.gaps, self.deviating = self._measured(self.vertices)
         # The vertices at which edges are split, and the points of the last pass that deviate.
         self.chosen = self.deviating.copy()
@@ -98,10 +99,9 @@ class _Refined:
     def _measured(self, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the distances of points, and where sampling does not explain them."""
         shares, faces = self.own.curved.closest(points)
-        smooth, _, errors = self.own.curved.at(shares, faces)
-        gaps, spans = distances_to(self.other, smooth, errors, self.motion)
+        gaps, places, spans = distances_to(self.other, *self.own.curved.at(shares, faces), self.motion)
         far = gaps > PRECISION + FARTHEST * spans
-        by_region = self.regions[self.own.curved.regions[faces]] & (gaps > PRECISION + CURVED * spans)
+        by_region = self.regions[self.own.curved.regions[faces]] & (places > PRECISION + CURVED * spans)
         return gaps / self.motion.scale, far | by_region
 
     def refine(self, points: Floats) -> None:

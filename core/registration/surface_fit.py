@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
-from core.registration.curved_surface import ON_EDGE
+from core.registration.curved_surface import CREASE, ON_EDGE
 from core.registration.probed_surface import SPREAD, ProbedSurface
 from core.registration.similarity import Similarity
 
@@ -100,7 +100,15 @@ def _stepped(
     # Robust weights: near pairs count by their variance, far ones hardly.
     squares = (gaps**2).sum(axis=1)
     spans = np.concatenate([first.errors[ours] + ahead_errors, second.errors[theirs] + back_errors])
-    deviations = PRECISION + CURVED * spans
+    sag = np.concatenate(
+        [
+            first.curved.sagged(first.shares[ours], first.faces[ours])
+            + second.curved.sagged(second_shares, second_faces),
+            second.curved.sagged(second.shares[theirs], second.faces[theirs])
+            + first.curved.sagged(first_shares, first_faces),
+        ]
+    )
+    deviations = PRECISION + CURVED * sag
     widths = np.maximum(width, deviations)
     weights = (widths / deviations * widths / (widths**2 + squares)) ** 2
     # The linear system of rotation, log scale and shift.
@@ -175,31 +183,39 @@ def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similar
 
 
 def distances_to(
-    second: ProbedSurface, points: Floats, errors: Floats, motion: Similarity
-) -> tuple[Floats, Floats]:
+    second: ProbedSurface, points: Floats, normals: Floats, errors: Floats, motion: Similarity
+) -> tuple[Floats, Floats, Floats]:
     """Return the distances of points of the first surface from the second, and the chord errors of both.
 
-    `points`, shape (n, 3), have the chord errors `errors`, shape (n,); all is at unit area.
+    `points` and `normals`, shape (n, 3), have the chord errors `errors`, shape (n,); all is at unit area. The
+    second result has the distances that count for a whole region: those along the normal of a point that lies
+    beyond a rim of the second surface, as a wall ends where the surface at its rim does.
     """
     moved = motion.apply(points)
     shares, faces = second.curved.closest(moved)
-    targets, _, other_errors = second.curved.at(shares, faces)
+    targets, target_normals, other_errors = second.curved.at(shares, faces)
     gaps = np.linalg.norm(targets - moved, axis=1)
     # The surface beyond the boundary of a gap is unknown.
     least = shares.argmin(axis=1)
     on_edge = shares[np.arange(len(shares)), least] <= ON_EDGE
-    gaps[on_edge & second.curved.at_gap[3 * faces + (least + 1) % 3]] = 0.0
-    return gaps, errors + other_errors
+    sides = 3 * faces + (least + 1) % 3
+    gaps[on_edge & second.curved.at_gap[sides]] = 0.0
+    # What is nearest beyond a rim lies on it, or on another side of it.
+    turned = normals @ motion.rotation.T
+    beyond = np.einsum("nx,nx->n", turned, target_normals) < CREASE
+    along = np.abs(np.einsum("nx,nx->n", targets - moved, turned))
+    places = np.where(beyond | (on_edge & second.curved.at_rim[sides]), np.minimum(along, gaps), gaps)
+    return gaps, places, errors + other_errors
 
 
-def deviating_regions(first: ProbedSurface, gaps: Floats, spans: Floats) -> NDArray[np.bool_]:
+def deviating_regions(first: ProbedSurface, places: Floats, spans: Floats) -> NDArray[np.bool_]:
     """Return which smooth regions have a mean deviation that sampling does not explain, shape (r,).
 
-    `gaps` and `spans` are those of all probes of the first surface.
+    `places` and `spans` are those of all probes of the first surface (`distances_to`).
     """
     region, total = first.curved.regions[first.faces], int(first.curved.regions.max()) + 1
     count = np.maximum(np.bincount(region, minlength=total), 1)
-    deviation = np.sqrt(np.bincount(region, gaps**2, total) / count)
+    deviation = np.sqrt(np.bincount(region, places**2, total) / count)
     expected = PRECISION + CURVED * np.sqrt(np.bincount(region, spans**2, total) / count)
     return np.asarray((count >= REGION_PROBES) & (deviation > REGION * expected))
 
@@ -208,6 +224,6 @@ def _one_way(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return distances of the probes, chord errors of both meshes, and which probes deviate by region."""
-    gaps, spans = distances_to(second, first.points, first.errors, motion)
-    deviating = deviating_regions(first, gaps, spans)[first.curved.regions[first.faces]]
-    return gaps, spans, deviating & (gaps > PRECISION + CURVED * spans)
+    gaps, places, spans = distances_to(second, first.points, first.normals, first.errors, motion)
+    deviating = deviating_regions(first, places, spans)[first.curved.regions[first.faces]]
+    return gaps, spans, deviating & (places > PRECISION + CURVED * spans)

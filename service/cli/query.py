@@ -105,5 +105,5 @@ def print_answer(console: "Console", answer: QueryAnswer) -> None:
         if result.difference is not None:
             line = f"{result.rank}. {result.shape.name}: {result.difference.text}"
             console.print(line, soft_wrap=True)
-    if not (answer.matched or partial or any(result.likeness != "weak" for result in answer.results)):
-        console.print("No result is similar: the best cc is below the pipeline's threshold.")
+    if not (answer.matched or partial):
+        console.print("No result is similar.")

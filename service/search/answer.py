@@ -1,5 +1,6 @@
 """The search for the most similar stored shapes: a query in, its answer out; and the map of stored shapes."""
 
+import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
-from core.ranking.likeness import may_be_pose
+from core.ranking.likeness import SAME_SIZE, may_be_pose
 from core.ranking.shortlist import spectral_distances
 from core.registration.rigid_copy import may_be_copy
 from service.collection import CollectionNumber
@@ -45,6 +46,10 @@ UNITS = (10.0, 25.4, 1000.0)
 
 FACTORS = (*UNITS, *(1.0 / factor for factor in UNITS))
 """Factors between the sizes of files whose units are mistaken."""
+
+CERTAIN, REGISTERED = 0.99, 8
+"""Value of `combined` above which it orders no results, and the number of further results that are registered
+with the query, if they may be copies, to find the best of these."""
 
 Done = TypeVar("Done")
 
@@ -178,27 +183,37 @@ async def search(
             best_results = await run_in_threadpool(
                 _read_results,
                 cascade,
-                matched.only(best[: options.top_k]),
+                matched.only(best[: options.top_k + (rank_by == "combined") * REGISTERED]),
                 shapes.collection,
                 part_distances or {},
                 every_record=options.correspondences,
             )
-        if options.correspondences:
-            for each in best_results:
-                each.result.correspondence = await _correspondence(container, query, each.surface)
     with timings.stage("likeness"):
-        results = [await _likened(container, query, each) for each in best_results]
+        shown = [
+            await _likened(container, query, each)
+            for number, each in enumerate(best_results)
+            if number < options.top_k or (each.is_certain and each.may_be_copy)
+        ]
+        if rank_by == "combined":
+            shown.sort(key=_misfit)
+        results = [
+            each.result.model_copy(update={"rank": rank})
+            for rank, each in enumerate(shown[: options.top_k], start=1)
+        ]
+    if options.correspondences:
+        with timings.stage("results"):
+            for result, each in zip(results, shown, strict=False):
+                result.correspondence = await _correspondence(container, query, each.surface)
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
     if tell_units and sized.has_sizes and not compared:
         with timings.stage("units"):
             warnings += await _unit_warnings(container, query, options, sized)
-    threshold = active_pipeline.pipeline.parameters.ranking.match_threshold
     assert query.measured is not None
     return QueryAnswer(
         query=query.measured,
         results=results,
-        matched=bool(len(matched.cc) and matched.cc.max() >= threshold),
+        matched=any(result.likeness != "weak" for result in results),
         compared=compared,
         stored=candidates.stored,
         pipeline=active_pipeline.fingerprint,
@@ -233,16 +248,37 @@ def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFil
 class _BestResult:
     """A result before its likeness is told, and what tells it.
 
-    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy.
-    `probability` is the greater of `combined` and the class probability at the typical density, which does
-    not depend on other stored shapes. `spectral` is the distance of the log eigenvalues of the shape from
-    those of the query.
+    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy
+    (`may_be_copy`) or a pose.
+    `spectral` is the distance of the log eigenvalues of the shape from those of the query.
     """
 
     result: Result
     surface: Surface | None
-    probability: float
     spectral: float
+    may_be_copy: bool
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether `combined` is so near to 1 that it orders nothing."""
+        return self.result.combined > CERTAIN
+
+
+def _misfit(best: _BestResult) -> tuple[float, ...]:
+    """Return what orders certain results: copies come first, nearest in size, then variants, then others.
+
+    Of variants those with as many holes come first, and of these those that differ by the least distance.
+    Results that compare equal keep their order.
+    """
+    result = best.result
+    if not best.is_certain or result.scale is None:
+        return (2.0 + (not best.is_certain),)
+    growth = abs(math.log(result.scale))
+    if (difference := result.difference) is None:
+        return (0.0, growth)
+    holes = difference.through_holes
+    resized = max(0.0, growth - math.log1p(SAME_SIZE))
+    return (1.0, float(holes is not None and holes[0] != holes[1]), resized, difference.distance)
 
 
 def _read_results(
@@ -265,19 +301,18 @@ def _read_results(
     log_odds = best.log_odds
     if log_odds is None:
         log_odds = class_log_odds(query, best.candidates, numbers, described, best.cc, best.sim)
-    without_sample = replace(best.candidates, sample=None, density=None)
-    typical = class_log_odds(query, without_sample, numbers, described, best.cc, best.sim)
     with container.database.read() as session:
         records = shapes_repository.records(session, collection, entries.shapes.tolist())
     shapes = {shape.number: shape for shape in records}
     present = [(i, shapes[number]) for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
+    copies = {
+        i for i, shape in present if may_be_copy(spectral[i], query.proportions, proportions_of(shape.facts))
+    }
     embeddings = reader.records(
         [
             numbers[i]
-            for i, shape in present
-            if every_record
-            or may_be_pose(spectral[i], float(best.cc[i]))
-            or may_be_copy(spectral[i], query.proportions, proportions_of(shape.facts))
+            for i, _ in present
+            if every_record or i in copies or may_be_pose(spectral[i], float(best.cc[i]))
         ]
     )
     return [
@@ -296,8 +331,8 @@ def _read_results(
             stored_surface(container, collection, shape.id, embeddings[numbers[i]])
             if numbers[i] in embeddings
             else None,
-            float(expit(max(log_odds[i], typical[i]))),
             spectral[i],
+            i in copies,
         )
         for rank, (i, shape) in enumerate(present, start=1)
     ]
@@ -312,7 +347,7 @@ async def _correspondence(container: Container, query: Query, surface: Surface |
     return pairs(match, query.embedding, surface.embedding)
 
 
-async def _likened(container: Container, query: Query, best: _BestResult) -> Result:
+async def _likened(container: Container, query: Query, best: _BestResult) -> _BestResult:
     """Return a result with its likeness to the query, and its size relative to that of the query."""
     relation = await relation_of(
         container,
@@ -321,10 +356,10 @@ async def _likened(container: Container, query: Query, best: _BestResult) -> Res
         query.active_pipeline.pipeline.parameters,
         spectral=best.spectral,
         cc=best.result.cc,
-        probability=best.probability,
+        probability=best.result.combined,
     )
     size_ratio = relation["scale"] or best.result.size_ratio
-    return best.result.model_copy(update={**relation, "size_ratio": size_ratio})
+    return replace(best, result=best.result.model_copy(update={**relation, "size_ratio": size_ratio}))
 
 
 async def _unit_warnings(

@@ -180,7 +180,6 @@ async def _compare(
         records = first.record, second.record
         match = await container.queue.compare(tasks.match_embeddings, *records, parameters)
         combined = await run_in_threadpool(_combined, first.embedding, second.embedding, match, sample)
-        typical = await run_in_threadpool(_combined, first.embedding, second.embedding, match, None)
     with timings.stage("likeness"):
         signatures = first.embedding.signature, second.embedding.signature[None]
         relation = await relation_of(
@@ -190,7 +189,7 @@ async def _compare(
             parameters,
             spectral=float(spectral_distances(*signatures)[0]),
             cc=match.cc,
-            probability=max(combined, typical),
+            probability=combined,
         )
 
     def in_json(**dense_fields: Any) -> CompareAnswer:  # noqa: ANN401

@@ -1,18 +1,18 @@
 """The likeness of stored shapes to a query: rigid copies are confirmed by registration."""
 
 import asyncio
+import math
 from functools import partial
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
-from core.embedding import Embedding
 from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.likeness import likeness, may_be_pose
-from core.ranking.shortlist import spectral_distances
+from core.ranking.likeness import BENT, isometry_distance, likeness, may_be_pose
+from core.ranking.shortlist import eigenvalue_steps, spectral_distances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.registration.similarity import bend
 from service.collection import CollectionNumber
@@ -68,37 +68,41 @@ async def relation_of(
     allow a copy. A surface is neither copy nor pose if it is None, and no copy if it cannot be read or is
     deleted meanwhile. `probability` is their class probability.
     """
-    copy, bent = None, 0.0
+    copy, is_pose = None, False
     try:
         if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
             copy = await find_copy(container, first, second, parameters)
         if copy is None and second is not None and may_be_pose(spectral, cc):
-            bent = await run_in_threadpool(_bend, first.embedding, second.embedding, parameters)
+            is_pose = await run_in_threadpool(_is_pose, first, second, parameters, cc)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
     scale = None if copy is None else copy.scale
     kind = likeness(
-        spectral=spectral,
-        cc=cc,
         probability=probability,
         scale=scale,
         mirrored=copy is not None and copy.mirrored,
         variant=copy is not None and copy.difference is not None,
-        bend=bent,
+        pose=is_pose,
     )
     difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
     transform = copy and copy.placing.matrix.tolist()
     return {"likeness": kind, "scale": scale, "transform": transform, "difference": difference}
 
 
-def _bend(first: Embedding, second: Embedding, parameters: Parameters) -> float:
-    """Return how far the correspondence of two embeddings is from rigid, over the root of the area."""
-    pairs = Pipeline(parameters).match(first, second).correspondence
+def _is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) -> bool:
+    """Return whether two surfaces are nearly isometric, and their correspondence is far from rigid."""
+    embeddings = first.embedding, second.embedding
+    steps = eigenvalue_steps(embeddings[0].signature, embeddings[1].signature[None])[0]
+    ours, theirs = first.proportions.volume, second.proportions.volume
+    growth = 0.0 if ours is None or theirs is None else math.log(ours / theirs)
+    if not may_be_pose(isometry_distance(steps, growth), cc):
+        return False
+    pairs = Pipeline(parameters).match(*embeddings).correspondence
     source, target = (
         embedding.positions[samples].astype("float64")
-        for embedding, samples in zip((first, second), pairs.T, strict=True)
+        for embedding, samples in zip(embeddings, pairs.T, strict=True)
     )
-    return float(bend(source, target) / second.facts.area**0.5)
+    return bool(bend(source, target) >= BENT * embeddings[1].facts.area ** 0.5)
 
 
 async def find_copy(

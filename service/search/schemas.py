@@ -234,9 +234,9 @@ class PairScores(BaseModel):
         "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image, of "
         "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
         "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
-        f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}). "
-        f"similar: the class probability is at least {SIMILAR}, by combined or at the typical density of "
-        "stored shapes. weak: none of these."
+        f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}) and "
+        "bent: no similarity transform brings corresponding points near each other. "
+        f"similar: combined is at least {SIMILAR}. weak: none of these."
     )
     scale: float | None = Field(
         default=None,
@@ -296,10 +296,7 @@ class QueryAnswer(BaseModel):
 
     query: MeasuredMesh
     results: list[Result]
-    matched: bool = Field(
-        description="Whether the highest cc reaches the threshold of the pipeline, 0.98 in the default "
-        "setting; the results do not depend on it. The likeness of each result tells more."
-    )
+    matched: bool = Field(description="Whether one of the results is alike: its likeness is not weak.")
     compared: int = Field(description="The number of shapes that the query was compared with.")
     stored: int = Field(description="The number of shapes of the collection.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")

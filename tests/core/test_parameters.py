@@ -66,7 +66,6 @@ VALUES = {
         "final_rounds": (4, [0]),
         "slide_rounds": (3, [-1, 1001]),
     },
-    "ranking": {"match_threshold": (0.8, [1.5])},
 }
 """Of each parameter another value than that of `default`, and values that are refused."""
 
@@ -192,7 +191,6 @@ def test_limits_themselves_are_allowed():
     DEFAULT.with_values(
         sampling={"degree": 12, "tau": 1.0, "samples": 12, "seed": 2**62},
         matching={"search_samples": 12, "slide_rounds": 0},
-        ranking={"match_threshold": -1.0},
     )
     DEFAULT.with_values(
         mesh={"decimate_above": 0, "decimate_to": 0},

@@ -46,8 +46,8 @@ from tests.people import make_person
 from tests.service.support import Running, serving, settings_in
 from tests.studies.common import run, write
 from tests.studies.copies import KINDS, copy
-from tests.studies.kinship import COPIES, FAMILIES, TOLERANCES, VARIANTS, changed_part
-from tests.studies.machine_parts import Drawing, Family, part
+from tests.studies.kinship import COPIES, TOLERANCES, VARIANTS, changed_part
+from tests.studies.machine_parts import FAMILIES, Drawing, Family, part
 
 PLANTED = 40
 PEOPLE = 4
@@ -142,10 +142,11 @@ def parts(count: int, seed: int = 0) -> Iterator[tuple[str, bytes]]:
 
 def _parts(number: int) -> Iterator[tuple[str, bytes]]:
     drawn: list[tuple[Family, int, float]] = []
+    families = tuple(FAMILIES)
     while True:
         for _ in range(NEW):
             number += 1
-            drawn.append((FAMILIES[number % len(FAMILIES)], number, TOLERANCES[number % len(TOLERANCES)]))
+            drawn.append((families[number % len(families)], number, TOLERANCES[number % len(TOLERANCES)]))
             family, drawing, tolerance = drawn[-1]
             yield _named(family, drawing, "first", number, part(family, Drawing(drawing, tolerance)))
         for index in range(CHANGED):

@@ -1,4 +1,4 @@
-"""Likeness of over 200 pairs of machine parts made by code, by a running service.
+"""Likeness of over 400 pairs of machine parts made by code, by a running service.
 
     python -m tests.studies.kinship DIR [--seed 0] [--every 1]
 
@@ -17,20 +17,42 @@ from core.io import FORMATS, write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import Likeness
 from tests.studies.common import run
-from tests.studies.copies import moved
-from tests.studies.machine_parts import LARGER, LONGER, Change, Drawing, Family, part
+from tests.studies.copies import decimated, moved, quartered
+from tests.studies.machine_parts import (
+    FAMILIES,
+    LARGER,
+    LONGER,
+    Change,
+    Drawing,
+    Family,
+    extruded,
+    mesh_of,
+    part,
+)
 from tests.studies.planted import PlantedPair, compared, write_table
 from tests.studies.step_parts import step_prism
 
 TOLERANCES = (0.02, 0.05, 0.1)
 """Chord tolerances in millimetres."""
 
-FAMILIES: tuple[Family, ...] = ("plate", "bracket", "flange", "gear", "shaft", "housing")
-CHIRAL: frozenset[Family] = frozenset({"bracket", "housing"})
+CHIRAL: frozenset[Family] = frozenset({"bracket", "housing", "bolt", "tray"})
 """Families whose parts differ from their mirror images; prisms and bodies of revolution do not."""
 
-COPIES = ("turned", "25.4", "1/3", "mirrored", "remeshed", "other tolerance")
+COPIES = (
+    "turned",
+    "25.4",
+    "1/3",
+    "mirrored",
+    "remeshed",
+    "other tolerance",
+    "finer",
+    "quartered",
+    "decimated",
+)
 SCALES = {"25.4": 25.4, "1/3": 1.0 / 3.0}
+FINER = {"finer": 0.1, "decimated": 0.5}
+"""Factor of the tolerance. A decimated part is a quartered one, and again as far from it as its tolerance."""
+
 VARIANTS: tuple[Change, ...] = ("hole", "moved", "larger", "fillet", "longer")
 PHASE = 0.37
 """Share of a segment by which the vertices of the circles of a remeshed part are turned."""
@@ -43,7 +65,7 @@ COPY = frozenset({"same", "scaled", "mirrored"})
 
 
 def planted_pairs(seed: int) -> Iterator[PlantedPair]:
-    """Yield 198 pairs as STL, and 16 as STEP if it can be read; another seed gives other dimensions."""
+    """Yield 420 pairs as STL, and 24 with STEP if it can be read; another seed gives other dimensions."""
     number = 1000 * seed
     for tolerance in TOLERANCES:
         for family in FAMILIES:
@@ -54,17 +76,25 @@ def planted_pairs(seed: int) -> Iterator[PlantedPair]:
         for kind in ("turned", "25.4", "1/3", "mirrored", "hole", "moved", "larger", "longer") * 2:
             number += 1
             yield _step(kind, number)
+        for tolerance in (*TOLERANCES, 0.2) * 2:
+            number += 1
+            yield _step("STL", number, tolerance)
 
 
 def changed_part(family: Family, number: int, tolerance: float, kind: str, seed: int) -> tuple[Mesh, float]:
     """Return a part as one of `COPIES` or `VARIANTS` of itself, turned by the seed, and its scale."""
     if kind == "other tolerance":
         tolerance = TOLERANCES[(TOLERANCES.index(tolerance) + 1) % len(TOLERANCES)]
-    phase = PHASE if kind in {"remeshed", "other tolerance"} else 0.0
+    tolerance *= FINER.get(kind, 1.0)
+    phase = PHASE if kind in {"remeshed", "other tolerance", *FINER} else 0.0
     change = next((change for change in VARIANTS if change == kind), None)
-    drawing = Drawing(number, tolerance, phase, change)
+    mesh = part(family, Drawing(number, tolerance, phase, change))
+    if kind in {"quartered", "decimated"}:
+        mesh = quartered(mesh)
+    if kind == "decimated":
+        mesh = decimated(mesh, tolerance)
     scale = SCALES.get(kind, 1.0)
-    return moved(part(family, drawing), seed, scale=scale, mirrored=kind == "mirrored"), scale
+    return moved(mesh, seed, scale=scale, mirrored=kind == "mirrored"), scale
 
 
 def _likeness(kind: str, *, chiral: bool) -> Likeness:
@@ -78,11 +108,14 @@ def _stl(family: Family, kind: str, tolerance: float, number: int) -> PlantedPai
     right = _likeness(kind, chiral=family in CHIRAL)
     files = write_mesh(part(family, Drawing(number, tolerance)), "stl"), write_mesh(second, "stl")
     name, known_scale = f"{family} {number}, {tolerance} mm", None if right == "variant" else scale
-    return PlantedPair(kind, name, files, frozenset({right}), known_scale, "stl")
+    return PlantedPair(kind, name, files, frozenset({right}), known_scale, ("stl", "stl"))
 
 
-def _step(kind: str, number: int) -> PlantedPair:
-    """Return a pair of angles with three holes; the reader of STEP chooses the triangles."""
+def _step(kind: str, number: int, tolerance: float = 0.0) -> PlantedPair:
+    """Return a pair of angles with three holes; the reader of STEP chooses the triangles.
+
+    The second is an STL of a chord tolerance if the kind says so.
+    """
     draw = Drawing(number, 0.0).draw
     wide, deep, high = draw(80, 110, 0), draw(50, 70, 1), draw(6, 12, 2)
     corners = [(0.0, 0.0), (wide, 0.0), (wide, 0.5 * deep), (0.4 * wide, deep), (0.0, deep)]
@@ -96,12 +129,19 @@ def _step(kind: str, number: int) -> PlantedPair:
     turn[0] *= np.sign(np.linalg.det(turn))
     if kind == "mirrored":
         corners, holes = [(-x, y) for x, y in corners[::-1]], [(-x, y, r) for x, y, r in holes]
-    second = step_prism(corners, holes, high + LONGER * (kind == "longer"), turn, scale)
+    if kind == "STL":
+        body = Drawing(number, tolerance).drilled(extruded(corners, high), holes, high)
+        second = write_mesh(moved(mesh_of(body), number), "stl")
+    else:
+        second = step_prism(corners, holes, high + LONGER * (kind == "longer"), turn, scale)
     # A prism is its own mirror image.
     right = _likeness(kind, chiral=False)
     known_scale = None if right == "variant" else scale
     about = f"{kind}, STEP", f"prism {number}"
-    return PlantedPair(*about, (first, second), frozenset({right}), known_scale, "step")
+    formats = ("step", "stl" if kind == "STL" else "step")
+    # A plate that is thicker differs everywhere.
+    rights = frozenset({right, "similar"} if kind == "longer" else {right})
+    return PlantedPair(*about, (first, second), rights, known_scale, formats)
 
 
 def main(folder: Path, seed: int, every: int) -> bool:

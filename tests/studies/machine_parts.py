@@ -1,9 +1,10 @@
-"""Machine parts made by code: plates, brackets, flanges, gears, shafts and housings, at any chord tolerance.
+"""Machine parts made by code, with fillets, tori, threads, thin walls and patterns of holes, at any chord
+tolerance.
 
 Lengths are millimetres. Each part has a family, a number that draws its dimensions, and at most one change.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import reduce
 from operator import sub
@@ -15,7 +16,7 @@ from numpy.random import default_rng
 
 from core.mesh.mesh import Mesh
 
-Family = Literal["plate", "bracket", "flange", "gear", "shaft", "housing"]
+Family = Literal["plate", "bracket", "flange", "gear", "shaft", "housing", "eyebolt", "bolt", "tray", "grid"]
 Change = Literal["hole", "moved", "larger", "fillet", "longer"]
 Point = tuple[float, float]
 
@@ -92,6 +93,10 @@ class Drawing:
                 x, y = cos * start[0] - sin * start[1], sin * start[0] + cos * start[1]
                 outline.append((float(centre[0] + x), float(centre[1] + y)))
         return outline
+
+    def ball(self, radius: float) -> Manifold:
+        """Return a ball about the origin."""
+        return Manifold.sphere(radius, self.count(radius))
 
     def revolved(self, corners: list[Point], radii: list[float]) -> Manifold:
         """Return a body of revolution about z, of a profile of (radius, height) with rounded corners."""
@@ -223,10 +228,102 @@ def housing(drawing: Drawing) -> Manifold:
     return body
 
 
-FAMILIES = {family.__name__: family for family in (plate, bracket, flange, gear, shaft, housing)}
+def eyebolt(drawing: Drawing) -> Manifold:
+    """Return a torus on a shank with a rounded end, with holes through the tube."""
+    ring, tube, long = drawing.drawn((22, 34), (5, 7), (40, 60))
+    count = drawing.count(ring + tube)
+    turned = 360.0 / count * drawing.phase
+    body = (
+        CrossSection([drawing.circle(ring, 0.0, tube)], FillRule.NonZero)
+        .revolve(count)
+        .rotate((0, 0, turned))
+    )
+    thick, end = 0.8 * tube, ring + long + drawing.of("longer", LONGER)
+    corners = [(0.0, ring), (thick, ring), (thick, end), (0.0, end)]
+    rounds = [0.0, 0.0, 1.0 + drawing.of("fillet", FILLET), 0.0]
+    body += drawing.revolved(corners, rounds).rotate((90.0, 0.0, 0.0))
+    angles = [0.6 + drawing.of("moved", 2.0 / ring), 2.1] + [1.3] * (drawing.change == "hole")
+    for k, angle in enumerate(angles):
+        radius = 0.4 * tube * (drawing.larger if k == 0 else 1.0)
+        body -= drawing.drill(*polar(ring, angle), radius, 2.0 * tube).translate((0.0, 0.0, -tube))
+    return body
+
+
+def bolt(drawing: Drawing) -> Manifold:
+    """Return a hexagonal head with a V thread of one start, and cross holes in its head."""
+    size, pitch, long = drawing.drawn((5, 8), (2.0, 3.0), (25, 40))
+    count = drawing.count(size)
+    angles = 2.0 * np.pi * (np.arange(count) + drawing.phase) / count
+    depths = size - 0.6 * pitch * np.abs(2.0 * ((angles / (2.0 * np.pi)) % 1.0) - 1.0)
+    outline = [polar(depth, angle) for depth, angle in zip(depths, angles, strict=True)]
+    turns = np.ceil((long + drawing.of("longer", LONGER)) / pitch)
+    thread = CrossSection([outline], FillRule.NonZero).extrude(
+        turns * pitch, int(turns * count), 360.0 * float(turns)
+    )
+    thread = thread.trim_by_plane((0.0, 0.0, -1.0), -long - drawing.of("longer", LONGER))
+    high = 1.4 * size
+    corners = [polar(2.0 * size, np.pi / 3.0 * k) for k in range(6)]
+    rounds = [1.0] * 5 + [1.0 + drawing.of("fillet", FILLET)]
+    body = extruded(drawing.rounded(corners, rounds), high).translate((0.0, 0.0, -high)) + thread
+    places = [(1.0 + drawing.of("moved", 1.0), 0.0), (-0.8 * size, 0.3)] + [(0.8 * size, 0.9)] * (
+        drawing.change == "hole"
+    )
+    for k, (x, turn) in enumerate(places):
+        radius = 0.4 * size * (drawing.larger if k == 0 else 1.0)
+        across = drawing.drill(0.5 * high, x, radius, 4.0 * size).translate((0.0, 0.0, -2.0 * size))
+        body -= across.rotate((0.0, 90.0, 0.0)).rotate((0.0, 0.0, float(np.degrees(turn))))
+    return body
+
+
+def tray(drawing: Drawing) -> Manifold:
+    """Return a thin shell, rounded at its sides and its bottom, with holes in the bottom."""
+    wide, deep, high, wall, hole = drawing.drawn((60, 90), (40, 55), (18, 30), (1.0, 1.6), (3, 5))
+    length = wide + drawing.of("longer", LONGER)
+    radii = [7.0, 7.0, 7.0, 7.0 - drawing.of("fillet", FILLET)]
+
+    def filled(inset: float) -> Manifold:
+        # The hull of four balls, with the upper ends of the walls.
+        ends = []
+        for k, radius in enumerate(radii):
+            x, y = (length - radius if k % 2 else radius), (deep - radius if k > 1 else radius)
+            ends.append(drawing.ball(radius - inset).translate((x, y, radius)))
+            ends.append(drawing.drill(x, y, radius - inset, high).translate((0.0, 0.0, 8.0)))
+        return Manifold.batch_hull(ends)
+
+    body = (filled(0.0) - filled(wall)).trim_by_plane((0.0, 0.0, -1.0), -high)
+    holes = [(18.0 + drawing.of("moved", 2.0), 16.0, hole * drawing.larger), (wide - 20.0, 18.0, hole)]
+    holes += [(0.5 * wide, deep - 14.0, hole)] * (drawing.change == "hole")
+    return drawing.drilled(body, holes, 3.0 * wall)
+
+
+def grid(drawing: Drawing) -> Manifold:
+    """Return a thin sheet with a pattern of holes."""
+    pitch, thick, hole = drawing.drawn((12, 16), (1.5, 3), (2.5, 4))
+    rows, columns = 3 + drawing.number % 2, 5 + drawing.number % 3
+    wide, deep = columns * pitch + drawing.of("longer", LONGER), rows * pitch
+    corners = [(0.0, 0.0), (wide, 0.0), (wide, deep), (0.0, deep)]
+    body = extruded(drawing.rounded(corners, [5.0, 5.0, 5.0, 5.0 - drawing.of("fillet", FILLET)]), thick)
+    holes = [((x + 0.5) * pitch, (y + 0.5) * pitch, hole) for x in range(columns) for y in range(rows)]
+    # The pattern lacks a hole, so that it tells its ends.
+    lacking = holes.pop(rows)
+    x, y, _ = holes[0]
+    holes[0] = (x + drawing.of("moved", 1.5), y, hole * drawing.larger)
+    holes += [lacking] * (drawing.change == "hole")
+    return drawing.drilled(body, holes, thick)
+
+
+FAMILIES: dict[Family, Callable[[Drawing], Manifold]] = {
+    **{"plate": plate, "bracket": bracket, "flange": flange, "gear": gear, "shaft": shaft},
+    **{"housing": housing, "eyebolt": eyebolt, "bolt": bolt, "tray": tray, "grid": grid},
+}
 
 
 def part(family: Family, drawing: Drawing) -> Mesh:
     """Return the mesh of a part."""
-    made = FAMILIES[family](drawing).to_mesh64()
+    return mesh_of(FAMILIES[family](drawing))
+
+
+def mesh_of(body: Manifold) -> Mesh:
+    """Return the surface of a body."""
+    made = body.to_mesh64()
     return Mesh(np.array(made.vert_properties[:, :3], dtype=np.float64), made.tri_verts.astype(np.int64))

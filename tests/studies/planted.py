@@ -1,16 +1,19 @@
-"""Pairs made by code with the likeness that is right, compared by a running service."""
+"""Pairs made by code with the likeness that is right, compared by a running service in three ways."""
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from core.ranking.likeness import Likeness
 from tests.service.support import serving, settings_in
 from tests.studies.common import write
 
+NONE = "none"
+GROUPED = frozenset({"same", "scaled", "mirrored", "variant"})
 LIKENESSES = ("same", "scaled", "mirrored", "variant", "pose", "similar", "weak")
 
 
@@ -23,38 +26,68 @@ class PlantedPair:
     files: tuple[bytes, bytes]
     right: frozenset[Likeness]
     scale: float | None = None
-    format: str = "off"
+    formats: tuple[str, str] = ("off", "off")
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A pair and the answer to it: likeness, and relative error of the scale (0 where none is known)."""
+    """A pair and the answers to it: likenesses, and relative error of the scale (0 where none is known)."""
 
     pair: PlantedPair
     likeness: str
     right: bool
     error: float
     milliseconds: float
+    query: str
+    duplicates: str = NONE
+
+    @property
+    def agreed(self) -> bool:
+        """Whether /query, /compare and /duplicates say the same; the last knows copies and variants alone."""
+        grouped = self.likeness if self.likeness in GROUPED else NONE
+        return self.query == self.likeness and self.duplicates == grouped
 
 
 def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
-    """Store the files of each pair in a new archive, compare them, and name pairs of another likeness."""
-    answers = []
+    """Store the files of each pair in a new archive, compare them, and name pairs of another likeness.
+
+    Then search with the first among the pair, and report the duplicates of the archive.
+    """
+    answers: list[Compared] = []
+    members: list[tuple[str, str]] = []
     with TemporaryDirectory() as folder, serving(settings_in(Path(folder))) as running:
         for pair in pairs:
-            names = (f"{pair.kind} {pair.name} {number}.{pair.format}" for number in (0, 1))
+            tag = f"pair {len(answers)}"
+            names = (f"{pair.kind} {pair.name} {number}.{end}" for number, end in enumerate(pair.formats))
             first, second = (
-                running.store(data, name)["id"] for data, name in zip(pair.files, names, strict=True)
+                running.store(data, name, tags=tag)["id"]
+                for data, name in zip(pair.files, names, strict=True)
             )
+            members.append((first, second))
             answer = running.client.post("/compare", json={"first": first, "second": second})
             told = answer.raise_for_status().json()
+            asked = running.client.get(f"/shapes/{first}/similar", params={"tag": tag, "top_k": 1})
+            (result,) = asked.raise_for_status().json()["results"]
+            found = result["likeness"]
             right = told["likeness"] in pair.right
             error = abs(told["scale"] / pair.scale - 1.0) if right and pair.scale is not None else 0.0
-            answers.append(Compared(pair, told["likeness"], right, error, told["milliseconds"]["likeness"]))
+            answers.append(
+                Compared(pair, told["likeness"], right, error, told["milliseconds"]["likeness"], found)
+            )
             if not right:
                 expected = " or ".join(sorted(pair.right))
                 print(f"{pair.kind}, {pair.name}: {told['likeness']}, not {expected}; cc {told['cc']:.4f}")
-    return answers
+        report: dict[str, Any] = {"unjudged": 1}
+        while report["unjudged"]:
+            report = running.client.get("/duplicates", params={"variants": True}).raise_for_status().json()
+    grouped: dict[tuple[str, str], str] = {}
+    for group in report["groups"]:
+        oldest = group[0]["shape"]["id"]
+        grouped |= {(oldest, member["shape"]["id"]): member["likeness"] for member in group}
+    return [
+        replace(answer, duplicates=grouped.get(pair, NONE))
+        for answer, pair in zip(answers, members, strict=True)
+    ]
 
 
 def write_table(path: Path, answers: list[Compared]) -> None:
@@ -64,6 +97,7 @@ def write_table(path: Path, answers: list[Compared]) -> None:
         chosen = [answer for answer in answers if answer.pair.kind == kind]
         counts = Counter(answer.likeness for answer in chosen)
         row = {"planted": kind, "pairs": len(chosen), "right": sum(answer.right for answer in chosen)}
+        row |= {"agreed": sum(answer.agreed for answer in chosen)}
         row |= {likeness: counts[likeness] for likeness in LIKENESSES}
         row |= {"largest_scale_error": max(answer.error for answer in chosen)}
         rows.append(row | {"median_ms": median(answer.milliseconds for answer in chosen)})

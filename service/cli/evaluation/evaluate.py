@@ -15,6 +15,9 @@ from service.console import fail, print_table
 from service.evaluation.retrieval import collection_files, evaluate_ranking, score_baseline, score_collection
 from service.search.schemas import RankBy
 
+HIGH_CC = 0.98
+"""A CC whose share of the pairs is printed: poses of one body often reach it, other pairs hardly."""
+
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 
 HUBNESS = ("occurrence_skewness", "most_often_wrong")
@@ -66,7 +69,7 @@ def evaluate_command(
         if uncapped:
             parameters = parameters.with_values(sampling={"sample_cap": 0})
         labels, scores = score_collection(files, parameters, workers)
-        cc = score_quantiles(scores.cc, labels, parameters.ranking.match_threshold)
+        cc = score_quantiles(scores.cc, labels, HIGH_CC)
         chosen = rank_by or [Ranked.CC]
         rankings: Iterable[Any] = get_args(RankBy) if "all" in chosen else dict.fromkeys(chosen)
         evaluations = {ranking: evaluate_ranking(scores, labels, ranking) for ranking in rankings}

@@ -27,7 +27,7 @@ from core.registration.rigid_copy import (
     proportions,
 )
 from core.registration.similarity import RESIDUAL, Similarity
-from tests.studies.copies import moved, simplified
+from tests.studies.copies import moved, quartered, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw
 from tests.studies.machine_parts import Change, Drawing, Family, part
@@ -190,19 +190,6 @@ def test_a_remeshed_copy_is_a_copy_and_its_scale_is_exact(family: Family) -> Non
     assert judged(first, moved(second, 1, scale=25.4)) == a_copy(25.4, mirrored=False, rel=1e-4)
 
 
-def quartered(mesh: Mesh) -> Mesh:
-    """Cut each triangle in four: the surface is the same to rounding."""
-    sides = mesh.half_edges
-    middles = np.empty(mesh.faces.size, dtype=np.int64)
-    middles[sides.order] = len(mesh.vertices) + np.repeat(np.arange(len(sides.first)), sides.face_counts)
-    points = 0.5 * mesh.vertices[sides.edges].sum(axis=1)
-    (a, b, c), (ab, bc, ca) = mesh.faces.T, middles.reshape(-1, 3).T
-    faces = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
-    return Mesh(
-        np.concatenate([mesh.vertices, points]), np.concatenate([np.stack(face, 1) for face in faces])
-    )
-
-
 @pytest.mark.parametrize("family", ["plate", "flange", "gear", "shaft"])
 def test_triangles_cut_in_four_make_a_copy_to_rounding(family: Family) -> None:
     mesh = part(family, Drawing(9, 0.1))
@@ -211,10 +198,10 @@ def test_triangles_cut_in_four_make_a_copy_to_rounding(family: Family) -> None:
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-@pytest.mark.parametrize("family", ["plate", "flange"])
+@pytest.mark.parametrize("family", ["flange", "shaft"])
 def test_a_facet_in_a_hundred_that_is_missing_changes_nothing(family: Family, mirrored: bool) -> None:
     """A symmetric part is its own mirror image also then: what lies in the gap is unknown."""
-    mesh = quartered(part(family, Drawing(9, 0.1)))
+    mesh = part(family, Drawing(9, 0.01))
     kept = np.random.default_rng(0).permutation(len(mesh.faces))[len(mesh.faces) // 100 :]
     found = judged(mesh, moved(Mesh(mesh.vertices, mesh.faces[kept]), 6, mirrored=mirrored))
     assert found == a_copy(1.0, mirrored=False, rel=1e-3)

@@ -14,8 +14,10 @@ from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
 from service.errors import WorkerLostError
 from service.search import likeness
+from service.search.answer import CERTAIN
 from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
+from tests.studies.machine_parts import Change, Drawing, part
 
 OCTOPUS = make_body("octopus").posed(0)
 STORED = {
@@ -58,20 +60,37 @@ def test_each_result_says_by_what_it_is_alike(found: dict[str, dict[str, Any]]) 
         assert (found[name]["likeness"], found[name]["combined"] < SIMILAR) == ("weak", True)
 
 
-def test_another_individual_is_similar_whatever_else_is_stored(stocked: Running) -> None:
-    """Many copies of a plane make its surroundings so dense that another plane is no neighbour."""
-    data = file_of(make_body("plane", 1, vertices=1800).posed(1))
-    result = by_name(query(stocked.client, data, tag="plane"))["plane"]
-    assert result["likeness"] == "similar"
-    plane = STORED["plane"]
-    copies = [stocked.store(file_of(moved(plane, 10 + k)), f"copy-{k}.off")["id"] for k in range(7)]
+def test_the_word_follows_the_number_however_dense_the_surroundings_are(stocked: Running) -> None:
+    data = file_of(make_body("cup", 1, vertices=1800).posed(0))
+    answers = [query(stocked.client, data, top_k=20).json()]
+    cup = STORED["cup"]
+    copies = [stocked.store(file_of(moved(cup, 10 + k)), f"copy-{k}.off")["id"] for k in range(7)]
     try:
-        crowded = by_name(query(stocked.client, data, tag="plane"))["plane"]
+        answers.append(query(stocked.client, data, top_k=20).json())
     finally:
         for copy in copies:
             stocked.client.delete(f"/shapes/{copy}")
-    assert crowded["combined"] < result["combined"]
-    assert crowded["likeness"] == "similar"
+    for answer in answers:
+        told = [(result["likeness"], result["combined"] >= SIMILAR) for result in answer["results"]]
+        assert set(told) == {("similar", True), ("weak", False)}
+        assert answer["matched"] == any(word != "weak" for word, _ in told)
+
+
+def test_copies_precede_variants_and_these_what_is_no_rigid_copy(shared: Running) -> None:
+    """All of them are certainly of one class, so that their order is that of what registration finds."""
+    drawn: dict[str, Change] = {"hole more": "hole", "hole larger": "larger", "longer": "longer"}
+    parts = {name: part("shaft", Drawing(5, 0.1, change=change)) for name, change in drawn.items()}
+    first = part("shaft", Drawing(5, 0.1))
+    parts |= {"another": part("shaft", Drawing(6, 0.1)), "inches": moved(first, 2, scale=1 / 25.4)}
+    parts |= {"remeshed": moved(part("shaft", Drawing(5, 0.05, 0.4)), 3)}
+    for name, mesh in parts.items():
+        shared.store(file_of(mesh), f"{name}.off", tags="shafts")
+    answer = query(shared.client, file_of(first), tag="shafts", rank_by="combined", top_k=4)
+    found = by_name(answer)
+    assert all(result["combined"] > CERTAIN for result in found.values())
+    assert [result["rank"] for result in answer.json()["results"]] == [1, 2, 3, 4]
+    assert list(found)[:2] == ["remeshed", "inches"]
+    assert set(found) - {"hole more", "hole larger", "longer"} == {"remeshed", "inches"}
 
 
 def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
