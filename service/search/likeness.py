@@ -68,12 +68,12 @@ async def relation_of(
     allow a copy. A surface is neither copy nor pose if it is None, and no copy if it cannot be read or is
     deleted meanwhile. `probability` is their class probability.
     """
-    copy, is_pose = None, False
+    copy, posed = None, False
     try:
         if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
             copy = await find_copy(container, first, second, parameters)
         if copy is None and second is not None and may_be_pose(spectral, cc):
-            is_pose = await run_in_threadpool(_is_pose, first, second, parameters, cc)
+            posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
     scale = None if copy is None else copy.scale
@@ -82,14 +82,14 @@ async def relation_of(
         scale=scale,
         mirrored=copy is not None and copy.mirrored,
         variant=copy is not None and copy.difference is not None,
-        pose=is_pose,
+        pose=posed,
     )
     difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
     transform = copy and copy.placing.matrix.tolist()
     return {"likeness": kind, "scale": scale, "transform": transform, "difference": difference}
 
 
-def _is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) -> bool:
+def is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) -> bool:
     """Return whether two surfaces are nearly isometric, and their correspondence is far from rigid."""
     embeddings = first.embedding, second.embedding
     steps = eigenvalue_steps(embeddings[0].signature, embeddings[1].signature[None])[0]

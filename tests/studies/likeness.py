@@ -6,12 +6,11 @@ likeness.csv has 200 pairs of bodies. chirality.csv has 60 parts, each compared 
 its mirror image turned, on the same mesh and on another: the mirror image of a chiral part is `mirrored`, all
 others are `same`. Exits with status 1 unless 95 % of the bodies get a right likeness, every copy a right
 scale, and all parts on the same mesh, and 110 of 120 on another, a right likeness. With a collection,
-thresholds.csv has the shares of its pairs that several thresholds call poses or similar, where nothing is
-registered: rigid copies count as poses.
+collection.csv has the shares of its pairs that are poses, similar or weak, where nothing is registered.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from statistics import fmean
 
@@ -23,13 +22,15 @@ from core.gallery import CLASSES
 from core.gallery.bodies import make_body
 from core.gallery.solids import Frame, Part, box, ellipsoid, plate, revolved, tube
 from core.gallery.surface import surface
-from core.io import write_mesh
+from core.io import format_of, read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
-from core.ranking.class_probability import pooled_log_odds
+from core.pipeline import Pipeline
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Likeness
-from core.ranking.local_density import typical_densities
+from core.serialization import embedding_to_bytes
 from service.evaluation.retrieval import collection_files, score_collection
+from service.search.likeness import is_pose
+from service.search.records import Surface
 from tests.studies.common import run, write
 from tests.studies.copies import copy, moved
 from tests.studies.planted import PlantedPair, compared, write_table
@@ -58,14 +59,6 @@ KINDS: dict[str, frozenset[Likeness]] = {
     "another class": frozenset({"weak"}),
 }
 """Each kind of planted pair with the right likenesses; some bodies are their own mirror images."""
-
-THRESHOLDS = [(near, POSE_CC) for near in (0.032, NEAR_ISOMETRIC, 0.06)] + [
-    (NEAR_ISOMETRIC, cc) for cc in (0.0, 0.98, 0.99)
-]
-"""Spectral distances and values of CC that are tried as thresholds of a pose."""
-
-PROBABILITIES = (0.1, 0.2, 0.3, SIMILAR, 0.7)
-"""Class probabilities that are tried as the threshold of similar shapes."""
 
 
 def planted_pairs(seed: int, each: int) -> Iterator[PlantedPair]:
@@ -111,28 +104,31 @@ def planted(kind: str, label: str, body: int) -> PlantedPair:
     return PlantedPair(kind, name, files, KINDS[kind], known_scale)
 
 
-def thresholds(collection: Path, workers: int | None) -> list[dict[str, object]]:
-    """Return the shares of pairs of one class and of two that each threshold calls poses or similar."""
-    labels, scores = score_collection(collection_files(collection, None), DEFAULT, workers)
-    spectral, classes = scores.differences.spectral, np.array(labels)
-    once = np.triu(np.ones_like(spectral, dtype=bool), 1)
+def likenesses(collection: Path, workers: int | None) -> list[dict[str, object]]:
+    """Return the shares of pairs of one class and of two that are poses, similar or weak."""
+    files = collection_files(collection, None)
+    labels, scores = score_collection(files, DEFAULT, workers)
+    classes, paths = np.array(labels), [path for _, path in files]
+    once = np.triu(np.ones_like(scores.cc, dtype=bool), 1)
+    pipeline = Pipeline()
+
+    @cache
+    def surface_of(number: int) -> Surface:
+        mesh = read_mesh(paths[number].read_bytes(), format_of(paths[number].name))
+        return Surface(embedding_to_bytes(pipeline.embed(mesh)))
+
+    pose = np.zeros_like(once)
+    near = once & (scores.differences.spectral <= NEAR_ISOMETRIC) & (scores.cc >= POSE_CC)
+    for i, j in np.argwhere(near):
+        pose[i, j] = is_pose(surface_of(i), surface_of(j), DEFAULT, scores.cc[i, j])
+    similar = ~pose & (expit(scores.combined) >= SIMILAR)
     one_class = classes[:, None] == classes[None, :]
-    densities = typical_densities(1)
-    alone = replace(
-        scores.differences,
-        spectral_density=np.full_like(spectral, densities.spectral[0]),
-        view_density=np.full_like(spectral, densities.view[0]),
-    )
-    probability = expit(np.maximum(scores.combined, pooled_log_odds(alone)))
-    rows: list[dict[str, object]] = []
-    for kind, chosen in (("one class", once & one_class), ("two classes", once & ~one_class)):
-        row: dict[str, object] = {"collection": collection.name, "pairs_of": kind, "pairs": int(chosen.sum())}
-        for near, cc in THRESHOLDS:
-            row[f"pose_{near:g}_{cc:g}"] = ((spectral <= near) & (scores.cc >= cc))[chosen].mean()
-        for least in PROBABILITIES:
-            row[f"similar_{least:g}"] = (probability[chosen] >= least).mean()
-        rows.append(row)
-    return rows
+    return [
+        {"collection": collection.name, "pairs_of": kind, "pairs": int(chosen.sum())}
+        | {name: share[chosen].mean() for name, share in shares.items()}
+        for shares in ({"pose": pose, "similar": similar, "weak": ~pose & ~similar},)
+        for kind, chosen in (("one class", once & one_class), ("two classes", once & ~one_class))
+    ]
 
 
 def bracket(rng: Generator) -> list[Part]:
@@ -238,7 +234,7 @@ def main(
 ) -> bool:
     """Write likeness.csv and chirality.csv; return whether enough pairs are right, and every scale."""
     if collection is not None:
-        write(folder / "thresholds.csv", thresholds(collection, workers))
+        write(folder / "collection.csv", likenesses(collection, workers))
     answers = compared(planted_pairs(seed, each))
     write_table(folder / "likeness.csv", answers)
     parts = [compared(chiral_pairs(chiral, symmetric, vertices)) for vertices in (VERTICES, REMESHED)]
