@@ -13,6 +13,7 @@ from service.rendering.tasks import preview as make_preview
 from service.rendering.thumbnail import camera, draw, draw_painted, upright
 from service.report import SCORES, SIZE, Preview, matched, page
 from service.search.schemas import MILLISECONDS, RESULT, Pair, Point, QueryAnswer, Result
+from service.shapes.schemas import SHAPE
 from service.system.schemas import Version
 from tests.service.html import Parsed
 from tests.service.previews.test_previews import pixels
@@ -92,6 +93,7 @@ def report(**changes: object) -> str:
     shape = {**RESULT["shape"], "name": NASTY, "tags": ["a<b", "c"], "metadata": {"<k>": ["</td>", 1]}}
     result = Result.model_validate({**RESULT, "shape": shape})
     answer: dict[str, Any] = {
+        "query": {"facts": SHAPE["facts"], "unit": ""},
         "results": [result],
         "matched": True,
         "compared": 5,

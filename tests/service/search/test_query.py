@@ -24,6 +24,7 @@ RESULT = {
     "combined",
     "likeness",
     "scale",
+    "transform",
     "part_distance",
     "shape",
     "correspondence",
@@ -44,7 +45,7 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     answer = query(stocked.client, small_file(20))
     assert answer.status_code == 200, answer.text
     body = answer.json()
-    names = {"results", "matched", "compared", "stored", "pipeline", "milliseconds"}
+    names = {"results", "matched", "compared", "stored", "pipeline", "milliseconds", "query"}
     assert set(body) == {*names, "warnings", "embedding"}
     assert body["embedding"] is None
     assert (body["compared"], body["stored"]) == (8, 8)
@@ -196,6 +197,7 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
         "milliseconds",
         "likeness",
         "scale",
+        "transform",
         "difference",
     }
     assert set(answer) == sparse | dense
