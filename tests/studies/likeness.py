@@ -108,7 +108,7 @@ def likenesses(collection: Path, workers: int | None) -> list[dict[str, object]]
     """Return the shares of pairs of one class and of two that are poses, similar or weak."""
     files = collection_files(collection, None)
     labels, scores = score_collection(files, DEFAULT, workers)
-    classes, paths = np.array(labels), [path for _, path in files]
+    classes, paths = np.array(labels), [path for path, _ in files]
     once = np.triu(np.ones_like(scores.cc, dtype=bool), 1)
     pipeline = Pipeline()
 

@@ -79,7 +79,11 @@ def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
                 print(f"{pair.kind}, {pair.name}: {told['likeness']}, not {expected}; cc {told['cc']:.4f}")
         report: dict[str, Any] = {"unjudged": 1}
         while report["unjudged"]:
-            report = running.client.get("/duplicates", params={"variants": True}).raise_for_status().json()
+            report = (
+                running.client.get("/duplicates", params={"variants": True, "scaled": True})
+                .raise_for_status()
+                .json()
+            )
     grouped: dict[tuple[str, str], str] = {}
     for group in report["groups"]:
         oldest = group[0]["shape"]["id"]
