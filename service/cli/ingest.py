@@ -84,14 +84,15 @@ SECONDS_BETWEEN_LINES = 30.0
 class Tally:
     """Numbers of files and archives by their outcomes.
 
-    Of `total` files and archives to send, `finished` have an outcome: shapes `created`, or `present` before.
-    `refused` and `warnings` name files by their origin.
+    Of `total` files and archives to send, `finished` have an outcome: shapes `created`, or `present` before,
+    `changed` of them with new tags or metadata. `refused` and `warnings` name files by their origin.
     """
 
     total: int
     finished: int = 0
     created: int = 0
     present: int = 0
+    changed: int = 0
     refused: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
     _said: float = field(default_factory=time.monotonic)
@@ -105,6 +106,7 @@ class Tally:
         for upload in (outcome, *outcome.parts):
             self.created += upload.created
             self.present += not upload.created
+            self.changed += bool(upload.changed)
             if upload.created:
                 self.warnings += [(item.origin, warning) for warning in upload.shape.warnings]
 
@@ -176,9 +178,9 @@ def ingest_command(
     (columns file and class) in the folder of the file, or else from the name of the class folder, directly
     below the given folder. A file given by itself has a class only from labels.csv.
 
-    A file that is already stored under its name stays as it is, so the command can be repeated, also after
-    Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip); their files have no
-    class and no metadata, and are not split.
+    A file that is already stored under its name gets the new tags and metadata, so the command can be
+    repeated, also after Ctrl-C. A refused file does not stop the others. The service unpacks archives (zip);
+    their files have no class and no metadata, and are not split.
 
     With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
     """
@@ -211,7 +213,8 @@ def ingest_command(
     except KeyboardInterrupt:
         stopped = True
     left_out = f", {meshes.ignored} of other formats left out" if meshes.ignored else ""
-    counts = f"{tally.created} stored, {tally.present} already there, {len(tally.refused)} refused"
+    changed = f" ({tally.changed} with new tags or metadata)" if tally.changed else ""
+    counts = f"{tally.created} stored, {tally.present} already there{changed}, {len(tally.refused)} refused"
     output().print(f"{counts}{left_out}", soft_wrap=True)
     for origin, cause in sorted(tally.warnings) + sorted(tally.refused):
         say(f"{origin}: {cause}")

@@ -30,7 +30,15 @@ from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
 from service.shapes.facets import Facets
 from service.shapes.records import Sort
-from service.shapes.schemas import Assembly, DeletedShape, DeletedShapePage, EmbeddingArrays, Shape, ShapePage
+from service.shapes.schemas import (
+    Assembly,
+    DeletedShape,
+    DeletedShapePage,
+    EmbeddingArrays,
+    Shape,
+    ShapePage,
+    UploadedShape,
+)
 from service.system.schemas import Version
 
 P = ParamSpec("P")
@@ -58,13 +66,14 @@ class Filters(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Upload:
-    """A stored shape, and whether this upload created it.
+    """A stored shape, whether this upload created it, and the fields of a stored one that it added to.
 
     `parts` has the distinct parts of an assembly that is uploaded with split="parts".
     """
 
     shape: Shape
     created: bool
+    changed: tuple[Literal["tags", "metadata"], ...] = ()
     parts: tuple["Upload", ...] = ()
 
 
@@ -76,19 +85,20 @@ def upload(
     metadata: Mapping[str, JsonValue] | None = None,
     split: Literal["parts"] | None = None,
 ) -> Call[Upload]:
-    """Store a mesh. If its bytes are already stored under the same name, `created` is false.
+    """Store a mesh. If its bytes are stored under the same name, the shape gets the new tags and metadata.
 
     With split="parts", each distinct part of a STEP or 3MF is stored as a shape too.
     """
 
     def read(answer: httpx.Response) -> Upload:
-        return Upload(parsed(Shape)(answer), created=answer.status_code == httpx.codes.CREATED)
+        stored = parsed(UploadedShape)(answer)
+        shape = Shape.model_validate(stored.model_dump(include=set(Shape.model_fields)))
+        return Upload(shape, stored.created, tuple(stored.changed))
 
     def read_assembly(answer: httpx.Response) -> Upload:
         assembly = parsed(Assembly)(answer)
-        return Upload(
-            assembly, assembly.created, tuple(Upload(part, part.created) for part in assembly.parts)
-        )
+        parts = tuple(Upload(part, part.created, tuple(part.changed)) for part in assembly.parts)
+        return Upload(assembly, assembly.created, tuple(assembly.changed), parts)
 
     data = _described(name, tags, metadata) | given(split=split)
     return Call("POST", "/shapes", read if split is None else read_assembly, data=data, files={"file": file})

@@ -23,6 +23,7 @@ from service.compute.request_queue import together
 from service.container import Container
 from service.errors import (
     PROBLEMS,
+    BadRequestFieldsError,
     BusyError,
     ClusterUnavailableError,
     FileTimeLimitError,
@@ -258,7 +259,7 @@ class Runner:
                 return
             except (JobLostError, *OWN_FAULTS):
                 raise
-            except (CoreError, FileTimeLimitError) as error:
+            except (CoreError, FileTimeLimitError, BadRequestFieldsError) as error:
                 fault = error
                 break
             except WorkerLostError as error:

@@ -50,6 +50,7 @@ from service.shapes.schemas import (
     Shape,
     ShapeChanges,
     ShapePage,
+    UploadedShape,
     read_cursor,
     read_position,
 )
@@ -210,14 +211,15 @@ class DeletedListing(PageOptions):
     "/shapes",
     status_code=201,
     summary="Store a mesh",
-    response_model=Shape | Assembly,
+    response_model=UploadedShape | Assembly,
     response_description="Stored durably. The next query finds the shape. With split=parts, the answer "
     "has its parts too.",
     responses={
         200: {
-            "model": Shape | Assembly,
-            "description": "The same bytes are already stored under this name; the answer is that shape. "
-            "With split=parts, all shapes of the assembly are already stored.",
+            "model": UploadedShape | Assembly,
+            "description": "The same bytes are already stored under this name; the answer is that shape, and "
+            "`changed` tells what the upload added. With split=parts, all shapes of the assembly are already "
+            "stored.",
             "headers": REPLAYED_HEADER,
         },
         201: {"headers": REPLAYED_HEADER},
@@ -236,7 +238,7 @@ async def create_shape(
 
     The same bytes may be stored under several names; the service keeps one copy of the bytes and of their
     embedding. The same bytes under the same name are one shape of the collection, so clients may repeat an
-    upload safely; the service ignores the tags and metadata of the repetition.
+    upload safely. The tags of the repetition join those of the shape, and its metadata override equal keys.
 
     With split=parts, the distinct parts of a STEP or 3MF are shapes of their own. Each is a 3MF named
     "assembly/part", with the tags and the metadata of the whole besides its own. The Location is that of the

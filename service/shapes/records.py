@@ -120,10 +120,11 @@ class ShapeFilter:
 
 @dataclass(frozen=True)
 class StoredShape:
-    """A shape after an upload, and whether the upload created it."""
+    """A shape after an upload, and whether the upload created it, or which fields of it changed."""
 
     shape: ShapeRecord
     created: bool
+    changed: tuple[Literal["tags", "metadata"], ...] = ()
 
 
 Sort = Literal["oldest", "newest", "name"]

@@ -330,32 +330,44 @@ PART: dict[str, Any] = {
     "format": "3mf",
     "metadata": {"assembly": "gearbox.step", "assembly_path": "gearbox/housing:1/bolt:1", "instances": 12},
     "created": True,
+    "changed": [],
 }
 
 
-class SplitShape(Shape):
-    """A shape of an assembly that was uploaded with split=parts."""
+class UploadedShape(Shape):
+    """A shape after an upload."""
 
-    model_config = ConfigDict(json_schema_extra={"example": PART})
+    model_config = ConfigDict(json_schema_extra={"example": {**SHAPE, "created": True, "changed": []}})
 
     created: bool = Field(description="Whether the upload stored the shape; false if it was there before.")
+    changed: list[Literal["tags", "metadata"]] = Field(
+        description="The fields of a shape that was there before to which the upload added something."
+    )
+
+    @classmethod
+    def of_stored(cls, stored: StoredShape) -> "UploadedShape":
+        """Return the JSON of a shape after an upload."""
+        shape = dict(Shape.of(stored.shape))
+        return cls(**shape, created=stored.created, changed=[*stored.changed])
 
 
-class Assembly(SplitShape):
+class Assembly(UploadedShape):
     """The shape of a whole assembly, and those of its parts."""
 
     model_config = ConfigDict(
-        json_schema_extra={"example": {**SHAPE, "name": "gearbox.step", "created": True, "parts": [PART]}}
+        json_schema_extra={
+            "example": {**SHAPE, "name": "gearbox.step", "created": True, "changed": [], "parts": [PART]}
+        }
     )
 
-    parts: list[SplitShape] = Field(
+    parts: list[UploadedShape] = Field(
         description="The shapes of the distinct parts in the order of the file; empty for a file of one part."
     )
 
     @classmethod
-    def of_stored(cls, stored: Sequence[StoredShape]) -> "Assembly":
+    def of_assembly(cls, stored: Sequence[StoredShape]) -> "Assembly":
         """Return the JSON of an assembly after the upload: of the whole, and of its parts."""
-        whole, *parts = [SplitShape(**dict(Shape.of(one.shape)), created=one.created) for one in stored]
+        whole, *parts = map(UploadedShape.of_stored, stored)
         return cls(**dict(whole), parts=parts)
 
 

@@ -5,9 +5,10 @@ deleted shape.
 """
 
 import asyncio
+import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
@@ -32,7 +33,7 @@ from service.observability.logging import get_logger
 from service.observability.metrics import Timings
 from service.pipelines.active import fingerprint as active_fingerprint
 from service.shapes import file_repository, repository
-from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name
+from service.shapes.fields import NAME_CHARACTERS, clean_metadata, clean_name, clean_tags
 from service.shapes.records import (
     FileKey,
     NewFile,
@@ -51,6 +52,7 @@ from service.shapes.schemas import (
     Shape,
     ShapeChanges,
     ShapePage,
+    UploadedShape,
     write_cursor,
 )
 from service.storage.database import Database, ReadSession, WriteSession
@@ -86,6 +88,8 @@ async def ingest(
 ) -> list[StoredShape] | Kept:
     """Store a file as a shape, unless its collection has a shape with the same bytes, format and name.
 
+    A shape that is there gets the new tags and metadata (`merged_fields`).
+
     Stages: look up the answer to a claim, and the shape; with `split`, read the distinct parts of the file,
     each of which becomes a shape after that of the whole; embed files in workers where needed; store bytes,
     shapes and embeddings in one transaction, with the answer to the claim and the changes that `also` makes.
@@ -107,8 +111,9 @@ async def ingest(
         if claim is not None:
             return repository.kept_answer(session, claim, datetime.now(UTC))
         present = repository.same(session, new.collection, new, new.name)
-        whole = present is not None and present.embedded and also is None and not split
-        return [StoredShape(present, created=False)] if present is not None and whole else None
+        if present is None or not present.embedded or also is not None or split:
+            return None
+        return None if merged_fields(present, new) else [StoredShape(present, created=False)]
 
     def store(session: WriteSession, put: Put) -> list[StoredShape] | Kept:
         collections_repository.require(session, new.collection)
@@ -342,17 +347,53 @@ def answer_of(stored: Sequence[StoredShape], *, split: bool) -> Kept:
     return Kept(
         status=201 if any(shape.created for shape in stored) else 200,
         location=f"/shapes/{whole.shape.id}",
-        body=(Assembly.of_stored(stored) if split else Shape.of(whole.shape)).model_dump_json(),
+        body=(Assembly.of_assembly(stored) if split else UploadedShape.of_stored(whole)).model_dump_json(),
     )
 
 
 def put_shape(session: WriteSession, put: Put, new: NewShape) -> StoredShape:
-    """Store a new shape, unless it is stored."""
+    """Store a new shape; one that is stored gets its new tags and metadata."""
     file = put(new)
     present = None if file.created else repository.same(session, new.collection, new, new.name)
-    if present is not None:
+    if present is None:
+        return StoredShape(repository.add_shape(session, file.blob_number, new, file.facts), created=True)
+    fields = merged_fields(present, new)
+    if not fields:
         return StoredShape(present, created=False)
-    return StoredShape(repository.add_shape(session, file.blob_number, new, file.facts), created=True)
+    repository.change(session, present.number, fields)
+    changed = get(session, new.collection, present.id)
+    return StoredShape(
+        changed, created=False, changed=tuple(name for name in ("tags", "metadata") if name in fields)
+    )
+
+
+def merged_fields(present: ShapeRecord, new: NewShape) -> dict[str, Any]:
+    """Return the `tags` and `metadata` of a stored shape that an upload of the same file changes.
+
+    New tags follow the tags that the shape has, and new keys of the metadata replace those it has.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        Both together are more than a shape may have.
+    """
+    tags = list(dict.fromkeys([*present.tags, *new.tags]))
+    metadata = {**present.metadata, **new.metadata}
+    fields: dict[str, Any] = {}
+    if tags != list(present.tags):
+        fields["tags"] = _within_limits("tags", clean_tags, tags)
+    # Python takes 1 and true for equal.
+    if json.dumps(metadata) != json.dumps(present.metadata):
+        fields["metadata"] = _within_limits("metadata", clean_metadata, metadata)
+    return fields
+
+
+def _within_limits(field: str, clean: Callable[[T], T], value: T) -> T:
+    try:
+        return clean(value)
+    except ValueError as error:
+        fault = FieldFault(field, f"with those of the stored shape: {error}")
+        raise BadRequestFieldsError(fault) from error
 
 
 def _look_up(

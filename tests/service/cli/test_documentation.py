@@ -50,6 +50,8 @@ def test_the_examples_of_the_page(archive: Client, example: Example) -> None:
     for label in ("cup", "pliers"):
         Path(f"parts/{label}.stl").write_bytes(mesh_bytes(label, 0, "stl"))
     Path("parts/empty.stl").touch()
+    # The example adds its tag and its metadata to a part that is stored.
+    archive.upload(Path("parts/cup.stl"))
     refused, found, pairs = example("docs/client.md", 0)
     assert refused == "empty.stl empty-file"
     assert found.startswith("1 pliers.stl 0.")

@@ -25,6 +25,13 @@ def test_a_folder_of_class_folders_twice(archive: Client, collection: Path, run:
     assert stored == {path.name: [path.parent.name, "made"] for path in collection.glob("*/*")}
     again = run("ingest", collection)
     assert (again.status, again.stdout) == (0, f"0 stored, {total} already there, 0 refused\n")
+    tagged = run("ingest", collection, "--tag", "new")
+    assert (
+        tagged.stdout == f"0 stored, {total} already there ({total} with new tags or metadata), 0 refused\n"
+    )
+    assert {shape.name: shape.tags for shape in archive.shapes()} == {
+        name: [*tags, "new"] for name, tags in stored.items()
+    }
     assert archive.page().total == total
 
 

@@ -146,7 +146,7 @@ def test_a_shape_that_is_stored_already_is_found(clean: Running) -> None:
     assert (first["outcome"], first["shape_id"]) == ("present", shape["id"])
     assert {file["outcome"] for file in others} == {"stored", "present"}
     assert len({file["shape_id"] for file in others}) == 1
-    assert clean.client.get(f"/shapes/{shape['id']}").json()["tags"] == ["before"]
+    assert clean.client.get(f"/shapes/{shape['id']}").json()["tags"] == ["before", "after"]
     again = ended(clean.client, begun(clean.client, data))
     assert again["counts"] == {"files": 3, "waiting": 0, "stored": 0, "present": 3, "refused": 0}
 
