@@ -52,11 +52,10 @@ def query_command(
         times = ", ".join(f"{stage} {time:.0f}" for stage, time in answer.milliseconds.items())
         for warning in answer.warnings:
             say(f"{file}: {warning}")
-        order = "part distance" if options["partial"] else options["rank_by"]
         compared = f"{answer.compared} of {answer.stored} stored shapes compared"
         if answer.results:
             say(CC_OF_PAIRS)
-        say(f"{compared}; sorted by {order}; milliseconds: {times}")
+        say(f"{compared}; sorted by {answer.ranked_by.replace('_', ' ')}; milliseconds: {times}")
 
 
 def write_report(

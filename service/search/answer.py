@@ -1,18 +1,19 @@
-"""The search for the most similar stored shapes: a query in, its answer out; and the map of stored shapes."""
+"""The search for the most similar stored shapes: a query in, its answer out."""
 
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from operator import itemgetter
+from typing import TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
-from core.ranking.likeness import SAME_SIZE, may_be_pose
-from core.ranking.shortlist import spectral_distances
+from core.ranking.likeness import SAME_SIZE, Likeness, may_be_pose
+from core.ranking.shortlist import least, spectral_distances
 from core.registration.rigid_copy import may_be_copy
 from service.collection import CollectionNumber
 from service.compute.request_queue import short_of_memory
@@ -31,10 +32,11 @@ from service.search.schemas import (
     RankBy,
     Result,
     SearchOptions,
+    likeness_in_words,
     pairs,
     score_in_words,
 )
-from service.search.scoring import Cascade, class_log_odds, find_candidates, nearest_wholes
+from service.search.scoring import Cascade, class_log_odds, coarse_log_odds, find_candidates, nearest_wholes
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
@@ -147,13 +149,14 @@ async def search(
     timings: Timings,
     active_pipeline: ActivePipeline,
     *,
-    tell_units: bool = True,
+    advise: bool = True,
 ) -> QueryAnswer:
     """Find the stored shapes most like the query, or those that it is a part of.
 
     Stages: embed the query; find its candidates, or a shortlist of them; score the candidates; read the
-    results; tell the likeness of each. If the filter by size left nothing, tell of shapes larger or
-    smaller by one of `FACTORS` (a unit mistake).
+    results; tell the likeness of each. With `advise`, tell of another order whose first result has a better
+    likeness; and if the filter by size left nothing, of shapes larger or smaller by one of `FACTORS` (a unit
+    mistake).
 
     Raises
     ------
@@ -163,7 +166,8 @@ async def search(
         There is too little memory, or a worker died.
     """
     query = await make_query(active_pipeline, timings)
-    rank_by: RankBy = "cc" if options.partial else options.rank_by
+    options = options.model_copy(update={"rank_by": options.rank_by or container.settings.rank_by})
+    rank_by: RankBy = "cc" if options.partial or options.rank_by is None else options.rank_by
     reader = CandidateReader(container, active_pipeline)
     cascade = Cascade(container, query, reader, by_log_odds=rank_by == "combined")
     sized = _sized(shapes, options, query.embedding.facts.area)
@@ -188,6 +192,7 @@ async def search(
                 part_distances or {},
                 every_record=options.correspondences,
             )
+    warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
     with timings.stage("likeness"):
         shown = [
             await _likened(container, query, each)
@@ -200,13 +205,15 @@ async def search(
             each.result.model_copy(update={"rank": rank})
             for rank, each in enumerate(shown[: options.top_k], start=1)
         ]
+        if advise and results and not options.partial:
+            told = {each.number: result for each, result in zip(shown, results, strict=False)}
+            warnings += await _order_warnings(cascade, matched.only(best), rank_by, told, shapes.collection)
     if options.correspondences:
         with timings.stage("results"):
             for result, each in zip(results, shown, strict=False):
                 result.correspondence = await _correspondence(container, query, each.surface)
     compared = len(matched.cc) if part_distances is None else len(part_distances)
-    warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
-    if tell_units and sized.has_sizes and not compared:
+    if advise and sized.has_sizes and not compared:
         with timings.stage("units"):
             warnings += await _unit_warnings(container, query, options, sized)
     assert query.measured is not None
@@ -215,6 +222,7 @@ async def search(
         results=results,
         matched=any(result.likeness != "weak" for result in results),
         compared=compared,
+        ranked_by="part_distance" if options.partial else rank_by,
         stored=candidates.stored,
         pipeline=active_pipeline.fingerprint,
         milliseconds=timings.so_far(),
@@ -249,10 +257,11 @@ class _BestResult:
     """A result before its likeness is told, and what tells it.
 
     `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy
-    (`may_be_copy`) or a pose.
-    `spectral` is the distance of the log eigenvalues of the shape from those of the query.
+    (`may_be_copy`) or a pose. `spectral` is the distance of the log eigenvalues of the shape from those of
+    the query, and `number` that of the shape.
     """
 
+    number: int
     result: Result
     surface: Surface | None
     spectral: float
@@ -317,6 +326,7 @@ def _read_results(
     )
     return [
         _BestResult(
+            shape.number,
             Result(
                 rank=rank,
                 cc=float(best.cc[i]),
@@ -362,6 +372,68 @@ async def _likened(container: Container, query: Query, best: _BestResult) -> _Be
     return replace(best, result=best.result.model_copy(update={**relation, "size_ratio": size_ratio}))
 
 
+ORDERS: tuple[RankBy, ...] = ("combined", "cc", "sim", "ssd")
+"""All orders; of two with equally good first results, a warning names the former."""
+
+DESCRIBED = 5
+"""Candidates of greatest approximate log odds of which the greatest log odds are sought."""
+
+
+async def _order_warnings(
+    cascade: Cascade,
+    matched: MatchedCandidates,
+    rank_by: RankBy,
+    results: Mapping[int, Result],
+    collection: CollectionNumber,
+) -> list[str]:
+    """Return a warning of the order whose first result has the best likeness, if it is better than here.
+
+    `matched` is sorted by `rank_by`, and `results` has its first ones by the numbers of their shapes.
+    """
+    grades = get_args(Likeness)
+    first = next(iter(results.values()))
+    if first.likeness == grades[0]:
+        return []
+    firsts = await run_in_threadpool(_firsts, cascade, matched, rank_by)
+    numbers = matched.candidates.entries.shapes.tolist()
+    unread = sorted({index for index in firsts.values() if numbers[index] not in results})
+    chosen = matched.only(np.array(unread, dtype=np.intp))
+    with short_of_memory():
+        others = await run_in_threadpool(_read_results, cascade, chosen, collection, {}, every_record=False)
+    told = dict(results)
+    for other in others:
+        told[other.number] = (await _likened(cascade.container, cascade.query, other)).result
+    graded = [
+        (grades.index(told[numbers[index]].likeness), order, told[numbers[index]])
+        for order, index in firsts.items()
+        if numbers[index] in told
+    ]
+    grade, order, result = min(graded, key=itemgetter(0), default=(len(grades), rank_by, first))
+    if grade >= grades.index(first.likeness):
+        return []
+    return [
+        f"rank_by={order} has a better first result: {result.shape.name!r} "
+        f"({likeness_in_words(result.likeness, result.scale)}); here the first is {first.shape.name!r} "
+        f"({likeness_in_words(first.likeness, first.scale)})"
+    ]
+
+
+def _firsts(cascade: Cascade, matched: MatchedCandidates, rank_by: RankBy) -> dict[RankBy, int]:
+    """Return the index of the first candidate by each other order."""
+    by_scores = [order for order in ORDERS if order not in (rank_by, "combined")]
+    firsts = {order: int(ranked(matched, order)[0]) for order in by_scores}
+    if rank_by == "combined":
+        return firsts
+    entries = matched.candidates.entries
+    approximate = coarse_log_odds(cascade.query, entries, matched.cc)
+    likely = least(-approximate, entries.shapes, DESCRIBED)
+    numbers = entries.embeddings[likely].tolist()
+    described = cascade.reader.descriptors(numbers)
+    scores = matched.cc[likely], matched.sim[likely]
+    log_odds = class_log_odds(cascade.query, matched.candidates.only(likely), numbers, described, *scores)
+    return {"combined": int(likely[log_odds.argmax()]), **firsts}
+
+
 async def _unit_warnings(
     container: Container, query: Query, options: SearchOptions, shapes: ShapeFilter
 ) -> list[str]:
@@ -380,7 +452,7 @@ async def _unit_warnings(
         if number:
             scaled = shapes.scaled(factor)
             answer = await search(
-                container, made, options, scaled, Timings(), query.active_pipeline, tell_units=False
+                container, made, options, scaled, Timings(), query.active_pipeline, advise=False
             )
             mistakes += [(factor, number, nearest) for nearest in answer.results]
     if not mistakes:

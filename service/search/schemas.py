@@ -125,10 +125,11 @@ class SearchOptions(Filters):
     """Options of a search. An option in the body overrides the query parameter."""
 
     top_k: int = Field(default=3, ge=1, le=100, description="The largest number of results.")
-    rank_by: RankBy = Field(
-        default="cc",
+    rank_by: RankBy | None = Field(
+        default=None,
         description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
-        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first.",
+        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first. The default "
+        "is cc, unless the service is set to another (`rank_by` of GET /version).",
     )
     partial: bool = Field(
         default=False,
@@ -286,6 +287,7 @@ class QueryAnswer(BaseModel):
                 "query": {"facts": SHAPE["facts"], "unit": ""},
                 "results": [RESULT],
                 "matched": True,
+                "ranked_by": "cc",
                 "compared": 190,
                 "stored": 190,
                 "pipeline": PIPELINE,
@@ -297,14 +299,17 @@ class QueryAnswer(BaseModel):
     query: MeasuredMesh
     results: list[Result]
     matched: bool = Field(description="Whether one of the results is alike: its likeness is not weak.")
+    ranked_by: Literal["cc", "ssd", "sim", "combined", "part_distance"] = Field(
+        description="The score that sorts the results."
+    )
     compared: int = Field(description="The number of shapes that the query was compared with.")
     stored: int = Field(description="The number of shapes of the collection.")
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")
     warnings: list[str] = Field(
         default=[],
-        description="Warnings about the surface of the query, and about shapes of another unit, if none "
-        "passes the filter by size.",
+        description="Warnings about the surface of the query; about shapes of another unit, if none passes "
+        "the filter by size; and about another order whose first result has a better likeness.",
     )
     embedding: EmbeddingArrays | None = Field(
         default=None, description="The embedding of the query, with the option embedding."

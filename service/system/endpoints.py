@@ -100,6 +100,7 @@ def read_version(request: Request, container: Service) -> Version:
         pipeline=parameters.name,
         fingerprint=parameters.fingerprint,
         method=METHOD_VERSION,
+        rank_by=container.settings.rank_by,
         formats=[
             FileFormat(
                 name=known.name,

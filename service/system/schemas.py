@@ -57,6 +57,7 @@ class Version(BaseModel):
                 "pipeline": "default",
                 "fingerprint": "3f1c9a7be2d40586",
                 "method": 1,
+                "rank_by": "cc",
                 "formats": [
                     {
                         "name": "stl",
@@ -84,6 +85,9 @@ class Version(BaseModel):
     fingerprint: str = Field(description="A hash of these parameters and of the method's version.")
     method: int = Field(
         description="The version of the method, which increases when results for the same mesh change."
+    )
+    rank_by: Literal["cc", "ssd", "sim", "combined"] = Field(
+        description="The score that sorts the results of a query that names none."
     )
     formats: list[FileFormat] = Field(description="The formats of mesh files.")
     pending: PendingPipeline | None = Field(

@@ -96,6 +96,7 @@ def report(**changes: object) -> str:
         "query": {"facts": SHAPE["facts"], "unit": ""},
         "results": [result],
         "matched": True,
+        "ranked_by": "combined",
         "compared": 5,
         "stored": 9,
         "pipeline": "3f1c",

@@ -45,7 +45,7 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     answer = query(stocked.client, small_file(20))
     assert answer.status_code == 200, answer.text
     body = answer.json()
-    names = {"results", "matched", "compared", "stored", "pipeline", "milliseconds", "query"}
+    names = {"results", "matched", "ranked_by", "compared", "stored", "pipeline", "milliseconds", "query"}
     assert set(body) == {*names, "warnings", "embedding"}
     assert body["embedding"] is None
     assert (body["compared"], body["stored"]) == (8, 8)
