@@ -3,6 +3,7 @@
 import { address, ask } from "./api.js";
 import { deleted, erased } from "./deleted.js";
 import { byId, make, showError } from "./dom.js";
+import { showFacets } from "./facets.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
 import { selectBox, unselect } from "./selection.js";
 import { menuButton, shapeCard } from "./shape_card.js";
@@ -56,6 +57,7 @@ export function reload() {
   listed = 0;
   nearby.disconnect();
   list.replaceChildren();
+  showFacets(parametersOf(form));
   return load();
 }
 

@@ -9,6 +9,7 @@ import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openMap } from "./map.js";
 import { openSelection } from "./selection.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
+import "./tags.js";
 import { openJobs, store } from "./upload.js";
 
 /** @import { State } from "./state.js" */

@@ -3,7 +3,6 @@
 import { address, ask } from "./api.js";
 import { byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
-import { thumbnail } from "./shape_card.js";
 import { keep, linkTo } from "./state.js";
 
 /** @import { State } from "./state.js" */
@@ -21,6 +20,8 @@ const errorBox = byId("map-error", HTMLElement);
 /** The parameters of the current map. @type {string | null} */
 let shown = null;
 let size = 1;
+/** The address of the sheet of pictures. */
+let url = "";
 let width = LEAST;
 /** The link of each cell, by column and row. @type {Map<string, HTMLAnchorElement>} */
 const cells = new Map();
@@ -34,7 +35,8 @@ export function openMap({ parameters }) {
   load();
 }
 
-async function load() {
+/** @param {boolean} [again] Whether to load the map anew if shapes were stored or deleted meanwhile. */
+async function load(again = true) {
   const wanted = parametersOf(form).toString();
   shown = wanted;
   status.textContent = "Laying the shapes out …";
@@ -44,10 +46,36 @@ async function load() {
     if (wanted !== shown) return;
     showError(errorBox);
     show(found);
+    await drawSheet(found, wanted, again);
   } catch (error) {
     if (wanted !== shown) return;
     status.textContent = "";
     showError(errorBox, error);
+  }
+}
+
+/** The place of a column or row of the sheet. @param {number} place */
+const share = (place) => `${size > 1 ? (100 * place) / (size - 1) : 0}%`;
+
+/**
+ * Put one sheet of all pictures over the dots, and ask again while the service has not drawn all of them.
+ * @param {ShapeMap} found
+ * @param {string} wanted The parameters of the map.
+ * @param {boolean} again Whether to load the map anew if shapes were stored or deleted meanwhile.
+ */
+async function drawSheet({ shapes, version }, wanted, again) {
+  for (let before = Infinity, left = shapes.length; left > 0 && left < before;) {
+    const answer = await ask(address("map/thumbnails.png", parametersOf(form)));
+    const sheet = await answer.blob();
+    if (wanted !== shown) return;
+    // A shape was stored or deleted meanwhile.
+    if (!answer.headers.get("ETag")?.includes(`"${version}-`)) return again ? load(false) : undefined;
+    [before, left] = [left, Number(answer.headers.get("Isoshape-Missing"))];
+    const former = url;
+    url = URL.createObjectURL(sheet);
+    list.style.setProperty("--sheet", `url("${url}")`);
+    list.dataset.missing = String(left);
+    URL.revokeObjectURL(former);
   }
 }
 
@@ -56,8 +84,10 @@ function show(found) {
   const { shapes, total } = found;
   size = Math.max(1, found.size);
   cells.clear();
-  list.replaceChildren(...shapes.map(({ id, name, column, row }) => {
-    const link = make("a", { href: linkTo("find", { shape_id: id }), title: name, ariaLabel: `Find similar to ${name}`, tabIndex: -1 }, thumbnail(id, "128"));
+  delete list.dataset.missing;
+  list.replaceChildren(...shapes.map(({ id, name, column, row }, number) => {
+    const link = make("a", { href: linkTo("find", { shape_id: id }), title: name, ariaLabel: `Find similar to ${name}`, tabIndex: -1 });
+    link.style.backgroundPosition = `${share(number % size)} ${share(Math.floor(number / size))}`;
     link.dataset.shape = id;
     link.dataset.cell = `${column} ${row}`;
     cells.set(link.dataset.cell, link);

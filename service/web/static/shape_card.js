@@ -7,18 +7,6 @@ import { linkTo } from "./state.js";
 
 /** @import { Shape } from "./types.js" */
 
-const known = byId("tags", HTMLDataListElement);
-
-/** @type {Set<string>} */
-const offered = new Set();
-
-/** @param {string} tag Offered in fields of tags from now on. */
-function offer(tag) {
-  if (offered.has(tag)) return;
-  offered.add(tag);
-  known.append(make("option", { value: tag }));
-}
-
 /**
  * A link that searches with a stored shape.
  * @param {Shape} shape
@@ -48,7 +36,6 @@ export function thumbnail(id, size = "256") {
  * @param {...Node} actions Beside "Find similar".
  */
 export function shapeCard(shape, ...actions) {
-  shape.tags.forEach(offer);
   const tags = shape.tags.map((tag) => {
     const link = make("a", { href: linkTo("browse", { tag }), ariaLabel: `Show only shapes with the tag ${tag}` }, tag);
     link.dataset.view = "browse";

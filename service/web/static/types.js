@@ -7,6 +7,9 @@
  * @typedef {Mesh & { id: string, name: string, tags: string[], metadata: Record<string, unknown>, format: string,
  *                    bytes: number, sha256: string, created_at: string, updated_at: string }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
+ * @typedef {{ value: string, count: number, least?: number, greatest?: number }} Count
+ * @typedef {{ total: number, tags: Count[], distinct_tags: number, formats: Count[], lengths: Count[],
+ *             collections: Count[] }} Facets
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
  * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null,
@@ -26,7 +29,8 @@
  * @typedef {{ files: { path: string, problem: Cause | null }[], next_cursor: string | null }} JobFilePage
  * @typedef {{ id: string, name: string, deleted_at: string, gone_at: string }} DeletedShape
  * @typedef {{ shapes: DeletedShape[], total: number, undo_days: number, next_cursor: string | null }} DeletedPage
- * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number }} ShapeMap
+ * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number,
+ *             version: string }} ShapeMap
  * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number,
  *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates

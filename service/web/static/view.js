@@ -6,6 +6,7 @@ import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { byId, showError } from "./dom.js";
 import { showShape } from "./shape_page.js";
 import { offerAxes } from "./up.js";
+import "./tags.js";
 
 /** @import { Comparison, Shape } from "./types.js" */
 

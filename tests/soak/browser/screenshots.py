@@ -19,10 +19,11 @@ from tests.soak.browser.support import (
     paint,
     settled,
     show,
+    stored,
     visiting,
 )
 
-WIDE = {"viewport": {"width": 1280, "height": 860}, "color_scheme": "light"}
+WIDE = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"}
 NARROW = {**PHONE, "viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
 
 
@@ -31,12 +32,17 @@ def shoot(browser: Browser, running: Running, query: Path, out: Path) -> None:
     with visiting(browser, running, **WIDE) as visit:
         page = visit.find(query)
         page.click("#next-point")
-        shot(page, out / "page-match.png")
+        small(page, out / "page-match.png")
         page.uncheck("#points")
         paint(page, "2")
         shot(page, out / "page-eigenmap.png")
-        for view, pictures in (("browse", "#gallery img"), ("map", "#map img")):
+        shape = stored(running, name="hand-0")[0]
+        show(page, f"{visit.here}/shapes/{shape['id']}/view", "#cards canvas[data-drawn]")
+        small(page, out / "page-shape.png")
+        for view, pictures in (("browse", "#gallery img"), ("map", "#map[data-missing='0']")):
             show(page, f"{visit.here}/?view={view}", pictures)
+            for box in page.get_by_role("checkbox").all()[1:3]:
+                box.check()
             small(page, out / f"page-{view}.png")
     with visiting(browser, running, **NARROW) as visit:
         visit.find(query)
