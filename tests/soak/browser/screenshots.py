@@ -32,7 +32,7 @@ def shoot(browser: Browser, running: Running, query: Path, out: Path) -> None:
     with visiting(browser, running, **WIDE) as visit:
         page = visit.find(query)
         page.click("#next-point")
-        small(page, out / "page-match.png")
+        page.screenshot(path=out / "page-match.png")
         page.uncheck("#points")
         paint(page, "2")
         shot(page, out / "page-eigenmap.png")
