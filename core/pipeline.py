@@ -25,6 +25,7 @@ from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, Parameters
 from core.ranking.class_probability import combined_scores
 from core.ranking.local_density import LocalDensities
+from core.registration.similarity import Similarity
 
 PREPARED_BYTES = 128 * 1024 * 1024
 """The most bytes of prepared shapes that a pipeline caches, unless another number is given."""
@@ -138,7 +139,11 @@ class Pipeline:
         return self.correspond_both(first, second, embeddings)[0]
 
     def correspond_both(
-        self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
+        self,
+        first: Mesh,
+        second: Mesh,
+        embeddings: tuple[Embedding, Embedding] | None = None,
+        transform: Similarity | None = None,
     ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Compute the dense correspondence from the first mesh to the second, and back.
 
@@ -149,6 +154,8 @@ class Pipeline:
             simplified copies.
         embeddings : two Embedding, optional
             Of the two meshes by this pipeline; they are computed unless given.
+        transform : Similarity, optional
+            Of the first mesh onto the second, if they are registered as a copy or a variant.
 
         Raises
         ------
@@ -166,7 +173,7 @@ class Pipeline:
                 self._working_surface(first, embeddings[0]),
                 self._working_surface(second, embeddings[1]),
             )
-            return correspond(surfaces, pairs, mirrored)
+            return correspond(surfaces, pairs, mirrored, transform)
 
     def _working_surface(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         """Return the surface of a mesh on which a dense correspondence is computed."""

@@ -17,12 +17,13 @@ from scipy.spatial import cKDTree
 from core.arrays import Floats, Ints
 from core.dense.functional_maps import Basis, basis, functional_map, nearest_both_ways
 from core.embedding import DenseCorrespondence
+from core.mesh.box_tree import triangle_tree
 from core.mesh.cleaning import vertex_areas
 from core.mesh.mesh import Mesh
 from core.mesh.normal_frame import NormalFrame
 from core.mesh.simplification import simplify
-from core.registration.similarity import NEAR, Similarity, near_rigid
-from core.sampling.surface_samples import SurfaceSamples, closest_points, surface_samples
+from core.registration.similarity import NEAR, Similarity, near_rigid, to_unit_area
+from core.sampling.surface_samples import SurfaceSamples, surface_samples
 
 ASTRAY = 0.1
 """Largest distance of a vertex from itself after the way there and back, over the root of the area."""
@@ -46,8 +47,8 @@ class WorkingSurface:
     ----------
     mesh : Mesh
         The surface, clean, in its normal frame.
-    unit : float
-        Length 1 of the surface in units of the given mesh, > 0.
+    frame : NormalFrame
+        From the given mesh to the surface.
     nearest : int64, shape (n,)
         The vertex of the surface nearest to each vertex of the given mesh.
     given : int64, shape (w,)
@@ -58,11 +59,21 @@ class WorkingSurface:
     """
 
     mesh: Mesh
-    unit: float
+    frame: NormalFrame
     nearest: Ints
     given: Ints
     samples: Ints
     simplified: bool
+
+    @property
+    def unit(self) -> float:
+        """Length 1 of the surface in units of the given mesh, > 0."""
+        return self.frame.scale
+
+    def to_unit_area(self, samples: SurfaceSamples) -> Similarity:
+        """Return the transform from the given mesh to unit area; the samples are those of the surface."""
+        turn, centre, scale = self.frame.axes, self.frame.centre, self.frame.scale
+        return Similarity(1.0 / scale, turn, -turn @ centre / scale).then(to_unit_area(samples))
 
 
 def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Floats) -> WorkingSurface:
@@ -90,7 +101,7 @@ def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Flo
     back = cKDTree(placed[used_vertices]).query(surface.vertices)[1]
     return WorkingSurface(
         mesh=surface,
-        unit=frame.scale,
+        frame=frame,
         nearest=np.asarray(tree.query(placed)[1], dtype=np.int64),
         given=used_vertices[back],
         samples=np.asarray(tree.query(frame.apply(samples))[1], dtype=np.int64),
@@ -133,7 +144,10 @@ class _Partners(NamedTuple):
 
 
 def correspond(
-    surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Sequence[Ints], mirrored: bool | None
+    surfaces: tuple[WorkingSurface, WorkingSurface],
+    pairs: Sequence[Ints],
+    mirrored: bool | None,
+    transform: Similarity | None = None,
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
     """Compute the correspondence from the first surface to the second, and from the second to the first.
 
@@ -144,19 +158,25 @@ def correspond(
         Samples of the first and of the second that correspond, p >= 1, in several ways, best first.
     mirrored : bool or None
         Whether they reverse orientation, if that is known.
+    transform : Similarity or None
+        Of the first given mesh onto the second, if it is known.
     """
     first, second = surfaces
+    samples = surface_samples(first.mesh), surface_samples(second.mesh)
+    same_units = first.unit * samples[0].unit / (second.unit * samples[1].unit)
+    if transform is None:
+        # Look for a similarity that brings large parts of the surfaces together.
+        known = _vertices(surfaces, pairs[0])
+        ends = first.mesh.vertices[known[:, 0]], second.mesh.vertices[known[:, 1]]
+        motion = near_rigid(*samples, ends, same_units)
+    else:
+        units = [surface.to_unit_area(of_one) for surface, of_one in zip(surfaces, samples, strict=True)]
+        motion = units[0].inverse.then(transform).then(units[1])
+
     # Pair all vertices by functional maps.
     maps = _vertex_maps(
         basis(first.mesh), basis(second.mesh), [_vertices(surfaces, some) for some in pairs], mirrored
     )
-
-    # Look for a similarity that brings large parts of the surfaces together.
-    known = _vertices(surfaces, pairs[0])
-    samples = surface_samples(first.mesh), surface_samples(second.mesh)
-    ends = first.mesh.vertices[known[:, 0]], second.mesh.vertices[known[:, 1]]
-    same_units = first.unit * samples[0].unit / (second.unit * samples[1].unit)
-    motion = near_rigid(*samples, ends, same_units)
 
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])
@@ -236,7 +256,9 @@ def _registered(
     """Return a surface registered to the other; the samples are those of both."""
     points = samples[0].to_unit(surface.mesh.vertices)
     moved = motion.apply(points)
-    closest = closest_points(samples[1], moved)
+    corners = samples[1].corners
+    shares, faces = triangle_tree(corners).closest(moved)
+    closest = np.einsum("nc,ncx->nx", shares, corners[faces])
     gaps = np.linalg.norm(moved - closest, axis=1)
     return _Registered(
         points=points,

@@ -198,11 +198,19 @@ def _matched_points(
 
 
 def dense_correspondence(
-    first: Mesh, second: Mesh, first_record: bytes, second_record: bytes, parameters: Parameters
+    first: Mesh,
+    second: Mesh,
+    first_record: bytes,
+    second_record: bytes,
+    parameters: Parameters,
+    placing: Similarity | None,
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-    """Find the dense correspondence both ways; see `core.pipeline.Pipeline.correspond_both`."""
+    """Find the dense correspondence both ways; see `core.pipeline.Pipeline.correspond_both`.
+
+    `placing` maps the second mesh onto the first, if it is registered.
+    """
     embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
-    return Pipeline(parameters).correspond_both(first, second, embeddings)
+    return Pipeline(parameters).correspond_both(first, second, embeddings, placing and placing.inverse)
 
 
 def correspondence_archive(way: DenseCorrespondence) -> bytes:

@@ -17,7 +17,7 @@ from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.ranking.class_probability import combined_scores
 from core.ranking.shortlist import spectral_distances
-from core.registration.similarity import similarity_of
+from core.registration.similarity import Similarity, similarity_of
 from service.collection import CollectionNumber
 from service.collections.endpoints import InCollection, NamedInAddress
 from service.compute import tasks
@@ -220,11 +220,13 @@ async def _compare(
                 for shape, samples in zip((first, second), match.correspondence.T, strict=True)
             ]
             return Response(await do(rendering.coloured, pair, points, FACES), media_type=MEDIA_TYPE)
+    matrix = relation["transform"]
+    placing = None if matrix is None else similarity_of(np.array(matrix))
     if options.format in {"glb", "png"}:
-        drawn = await _painted(container, pair, records, parameters, relation["transform"], options, timings)
+        drawn = await _painted(container, pair, records, parameters, placing, options, timings)
         return Response(drawn, media_type=PNG if options.format == "png" else MEDIA_TYPE)
     with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters)
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing)
     if options.format == "npz":
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     # The answer of a large mesh takes longer to write than the event loop may wait.
@@ -237,11 +239,11 @@ async def _painted(
     pair: list[ShownMesh],
     records: tuple[bytes, bytes],
     parameters: Parameters,
-    transform: list[list[float]] | None,
+    placing: Similarity | None,
     options: CompareParameters,
     timings: Timings,
 ) -> bytes:
-    """Return a GLB or a picture of both meshes; `transform` is the answer's, of a copy or a variant.
+    """Return a GLB or a picture of both meshes; `placing` is that of a copy or a variant.
 
     Differences of other rigid parts are shown after the best alignment, and those of bodies that bend by the
     dense correspondence.
@@ -250,16 +252,15 @@ async def _painted(
     meshes = pair[0].mesh, pair[1].mesh
     size = PICTURE_SIZE if options.format == "png" else None
     if options.paint == "difference":
-        placing = None if transform is None else similarity_of(np.array(transform))
+        registered = placing is not None
         if placing is None:
             with timings.stage("align"):
                 placing = await do(tasks.aligned, *meshes, *records, parameters)
         if placing is not None:
             with timings.stage("draw"):
-                registered = transform is not None
                 return await do(rendering.painted_distances, pair, placing, registered, FACES, size)
     with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters)
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing)
     with timings.stage("draw"):
         return await do(rendering.painted, pair, ways, options.paint, FACES, size)
 

@@ -7,8 +7,11 @@ from core import Mesh, Pipeline
 from core.dense.dense_correspondence import MOST_VERTICES, stretch
 from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import make_body
+from core.registration.similarity import best_similarity
 from tests.core.dense.solids import SIDE, chair, plate
 from tests.core.shapes import rectangle, scaled, shifted, subdivided, turned
+from tests.studies.copies import moved
+from tests.studies.machine_parts import Drawing, part
 
 HOLES = [(4, 4), (22, 12)]
 MORE = (14, 8)
@@ -87,6 +90,19 @@ def test_files_without_a_common_scale():
     assert (found.displacement < 1e-3).all()
     np.testing.assert_allclose(found.stretch, 1.0, atol=0.01)
     np.testing.assert_array_equal(found.vertices, np.arange(len(one.vertices)))
+
+
+def test_a_registered_copy_lies_on_the_other_and_has_a_partner_everywhere():
+    first, second = (part("shaft", Drawing(4, tolerance, 0.37)) for tolerance in (0.05, 0.1))
+    placed = moved(second, 4, scale=25.4)
+    transform = best_similarity(second.vertices, placed.vertices, sign=1, scaled=True)
+    for found, scale in zip(
+        PIPELINE.correspond_both(first, placed, None, transform), (1.0, 25.4), strict=True
+    ):
+        assert found.partnered.all()
+        # The chord tolerances of both.
+        assert found.displacement.max() <= 0.15 * scale
+        assert max(found.scale, 1.0 / found.scale) == pytest.approx(25.4)
 
 
 def test_poses_are_no_rigid_copies_and_correspond():
