@@ -44,7 +44,8 @@ class Running:
         """Upload a file; the record."""
         answer = upload(self.client, data, filename, **fields)
         assert answer.status_code in {200, 201}, answer.text
-        return answer.json()
+        about_the_upload = {"created", "changed"}
+        return {name: value for name, value in answer.json().items() if name not in about_the_upload}
 
     def rows(self, table: type[Table], *conditions: ColumnElement[bool]) -> int:
         """Return the number of rows of a table that satisfy conditions."""

@@ -30,7 +30,7 @@ from core.registration.similarity import RESIDUAL, Similarity
 from tests.studies.copies import moved, quartered, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw
-from tests.studies.machine_parts import Change, Drawing, Family, part
+from tests.studies.machine_parts import LONGER, Change, Drawing, Family, part
 
 PIPELINE = Pipeline()
 HAND = make_body("hand").posed(0)
@@ -221,6 +221,18 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found is not None
     assert found.difference is not None
     assert found.scale == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("family", ["plate", "gear", "shaft", "flange", "bracket", "housing"])
+def test_a_longer_part_differs_by_what_it_is_longer(family: Family) -> None:
+    """Also where a part that is turned end for end leaves fewer points that deviate."""
+    first, second = part(family, Drawing(7, 0.05)), part(family, Drawing(7, 0.05, change="longer"))
+    found = by_surfaces(first, moved(second, 3, scale=2.0))
+    assert found is not None
+    assert found.difference is not None
+    changes = np.subtract(*found.difference.sides[::-1])
+    assert sorted(np.abs(changes)) == pytest.approx([0.0, 0.0, LONGER], abs=0.02)
+    assert found.difference.distance <= LONGER + 0.02
 
 
 def test_a_variant_says_where_it_differs_and_how_much() -> None:

@@ -159,7 +159,8 @@ def test_only_a_list_may_be_given_twice(shared: Running, method: str, path: str,
     address = path.replace("{shape_id}", "none").replace("{job_id}", "none")
     name, value = parameter["name"], "a=b"
     answer = shared.client.request(method, address, params=[(name, value), (name, value)])
-    faults = answer.json().get("errors", [])
+    # The answer may be a picture.
+    faults = answer.json().get("errors", []) if "json" in answer.headers["content-type"] else []
     if parameter["schema"].get("type") == "array":
         assert faults == []
     else:
