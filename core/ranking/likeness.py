@@ -7,10 +7,6 @@ tells all other pairs apart. Clients import this module, so it imports no arrays
 
 from typing import Literal
 
-import numpy as np
-
-from core.arrays import Floats
-
 Likeness = Literal["same", "scaled", "mirrored", "variant", "pose", "similar", "weak"]
 """The likeness of a second shape to a first one.
 
@@ -30,7 +26,7 @@ SAME_SIZE = 0.03
 """Two copies have one size if their scale differs from 1 by at most this."""
 
 NEAR_ISOMETRIC = 0.07
-"""Largest isometry distance (`isometry_distance`) of two nearly isometric surfaces.
+"""Largest `core.ranking.shortlist.isometry_distance` of two nearly isometric surfaces.
 
 A compromise: poses of one body that are further apart are told as similar, and individuals of one class that
 are nearer as poses. docs/likeness.md has the shares of both."""
@@ -54,18 +50,6 @@ def copy_likeness(scale: float, *, mirrored: bool, variant: bool = False) -> Cop
     if mirrored:
         return "mirrored"
     return "same" if max(scale, 1.0 / scale) <= 1.0 + SAME_SIZE else "scaled"
-
-
-def isometry_distance(steps: Floats, growth: float) -> float:
-    """Return how far two surfaces are from isometric, >= 0: 0 for two ideal poses of one body.
-
-    `steps` are the differences of their log eigenvalues at unit area, each over the root of their number, and
-    `growth` is the difference of the logarithms of their volumes at unit area, 0 where one is open. Bending
-    keeps the volume nearly, and moves eigenvalues up and down, whereas a factor common to all, which counts
-    five times here, is one of proportions.
-    """
-    common = steps.mean() ** 2 * len(steps)
-    return float(np.sqrt(steps @ steps + 4.0 * common + growth**2))
 
 
 def may_be_pose(isometry: float, cc: float) -> bool:

@@ -165,12 +165,14 @@ def update(
     name: str | None = None,
     tags: Sequence[str] | None = None,
     metadata: Mapping[str, JsonValue] | None = None,
+    collection: str | None = None,
 ) -> Call[Shape]:
-    """Replace the given fields of a shape; the others stay."""
+    """Replace the given fields of a shape, or move it to another collection; the others stay."""
     changes: dict[str, Any] = given(
         name=name,
         tags=None if tags is None else list(tags),
         metadata=None if metadata is None else dict(metadata),
+        collection=collection,
     )
     return Call("PATCH", _shape(shape_id), parsed(Shape), json=changes)
 

@@ -11,8 +11,8 @@ from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.likeness import BENT, isometry_distance, likeness, may_be_pose
-from core.ranking.shortlist import eigenvalue_steps, spectral_distances
+from core.ranking.likeness import BENT, likeness, may_be_pose
+from core.ranking.shortlist import eigenvalue_steps, isometry_distance, spectral_distances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.registration.similarity import bend
 from service.collection import CollectionNumber

@@ -11,10 +11,10 @@ from core.ranking.likeness import (
     SIMILAR,
     Copy,
     Likeness,
-    isometry_distance,
     likeness,
     may_be_pose,
 )
+from core.ranking.shortlist import isometry_distance
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1.0, "same"), (0.98, "same"), (1.5, "scaled"), (0.3, "scaled")])

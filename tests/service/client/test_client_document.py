@@ -55,7 +55,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("preview", ("id",), {}, "GET /shapes/{shape_id}/preview.glb"),
     ("preview_file", (FILE,), {}, "POST /preview"),
     ("replace_file", ("id", FILE), {"if_sha256": "0" * 64}, "PUT /shapes/{shape_id}/file"),
-    ("update", ("id",), STORED, "PATCH /shapes/{shape_id}"),
+    ("update", ("id",), {**STORED, "collection": "b"}, "PATCH /shapes/{shape_id}"),
     ("delete", ("id",), {"permanent": True}, "DELETE /shapes/{shape_id}"),
     ("deleted", (), {}, "GET /deleted"),
     ("restore", ("id",), {}, "POST /shapes/{shape_id}/restore"),

@@ -1,5 +1,6 @@
 """Facets: each count is the total of the list in which its value is chosen."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -7,7 +8,7 @@ import pytest
 from core.io import write_mesh
 from tests.core.shapes import box
 from tests.service.engines import on_both
-from tests.service.support import Running, assert_problem
+from tests.service.support import Running, assert_problem, working_in
 
 pytestmark = on_both
 
@@ -16,20 +17,20 @@ TAGS = ("even,Äpfel", "odd")
 
 
 @pytest.fixture(scope="module")
-def stocked(shared: Running) -> Running:
+def stocked(shared: Running) -> Iterator[Running]:
     """Boxes of several lengths, half of them in each format, and two in another collection."""
     shared.clear()
-    shared.client.put("/collections/other")
     for number, side in enumerate(SIDES):
         format = ("off", "stl")[number % 2]
         data = write_mesh(box(side, 0.5 * side, 0.2 * side), format)
         fields = {"tags": TAGS[number % 2], "metadata": '{"kind": "box"}' if number < 4 else "{}"}
         shared.store(data, f"box {number}.{format}", **fields)
-    headers = {"Isoshape-Collection": "other"}
-    for number in (0, 2):
-        files = {"file": (f"box {number}.off", write_mesh(box(1, 2, 3), "off"))}
-        assert shared.client.post("/shapes", files=files, headers=headers).status_code == 201
-    return shared
+    with working_in(shared, "other") as other:
+        for number in (0, 2):
+            other.store(write_mesh(box(1, 2, 3), "off"), f"box {number}.off")
+        yield shared
+        other.clear()
+    shared.client.delete("/collections/other")
 
 
 def facets(running: Running, **params: Any) -> dict[str, Any]:
