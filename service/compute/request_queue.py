@@ -141,11 +141,17 @@ class ActivityGate:
 
 
 async def together(works: Iterable[Coroutine[Any, Any, Result]]) -> list[Result]:
-    """Run coroutines at a time and return their results; the first error ends the others and is raised."""
+    """Run coroutines at a time and return their results; the first error ends the others and is raised.
+
+    A cancellation from outside goes before an error.
+    """
     try:
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(work) for work in works]
     except ExceptionGroup as several:
+        task = asyncio.current_task()
+        if task is not None and task.cancelling():
+            raise asyncio.CancelledError from several
         raise several.exceptions[0] from None
     return [task.result() for task in tasks]
 

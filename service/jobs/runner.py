@@ -299,6 +299,8 @@ class Runner:
 
 async def _changed(change: asyncio.Event, seconds: float) -> None:
     """Wait for a change, but no longer than some seconds."""
+    # wait_for of Python 3.11 loses a cancellation that meets the change.
     with suppress(TimeoutError):
-        await asyncio.wait_for(change.wait(), seconds)
+        async with asyncio.timeout(seconds):
+            await change.wait()
     change.clear()

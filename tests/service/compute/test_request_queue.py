@@ -9,6 +9,8 @@ import pytest
 
 from service.compute import request_queue
 from service.compute.pool import LocalPool
+from service.compute.request_queue import together
+from service.jobs.runner import _changed
 from service.turns import Turns, current_client
 
 
@@ -89,5 +91,40 @@ def test_a_task_that_cannot_begin_leaves_its_place() -> None:
         with pytest.raises(RuntimeError):
             await begin(turns, Closed(), "any")
         assert turns.inside == 0
+
+    asyncio.run(run())
+
+
+def test_a_cancellation_that_meets_an_error_is_not_lost() -> None:
+    """Else what is cancelled once, such as work beside the requests, would go on after its service."""
+    begun = asyncio.Event()
+
+    async def fails_when_cancelled() -> None:
+        try:
+            begun.set()
+            await asyncio.Event().wait()
+        finally:
+            raise ValueError
+
+    async def run() -> None:
+        task = asyncio.create_task(together([fails_when_cancelled()]))
+        await begun.wait()
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(run())
+
+
+def test_a_cancellation_that_meets_a_change_is_not_lost() -> None:
+    async def run() -> None:
+        change = asyncio.Event()
+        task = asyncio.create_task(_changed(change, 60.0))
+        await settled()
+        change.set()
+        await asyncio.sleep(0)
+        if task.cancel():
+            with pytest.raises(asyncio.CancelledError):
+                await task
 
     asyncio.run(run())
