@@ -1,4 +1,4 @@
-"""The parameters of the method in five groups, their two named settings, and the fingerprint."""
+"""The parameters of the method in four groups, their two named settings, and the fingerprint."""
 
 import hashlib
 import json

@@ -141,10 +141,8 @@ def _summary(answer: QueryAnswer) -> list[str]:
     lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
     if not answer.results:
         lines.append("No shape is among the results.")
-    elif not (answer.matched or any(result.likeness != "weak" for result in answer.results)):
-        lines.append(
-            "No shape is similar to the query, by the pipeline’s threshold of CC. The nearest shapes follow."
-        )
+    elif not (answer.matched or answer.ranked_by == "part_distance"):
+        lines.append("No shape is similar to the query. The nearest shapes follow.")
     return lines + answer.warnings
 
 

@@ -94,7 +94,8 @@ class RigidCopy:
     mirrored : bool
         Whether it is a copy of the mirror image and not of the surface: a symmetric surface is both.
     residual : float
-        Root mean square distance of the surfaces, both ways, over the root of the area.
+        Root mean square distance of the surfaces, both ways, over the root of the area; of a variant without
+        what deviates.
     difference : Difference or None
         The local difference of a variant; None for a copy.
     placing : Similarity
@@ -213,7 +214,7 @@ def _registered(
             variant = RigidCopy(
                 scale,
                 mirrored=False,
-                residual=deviation.rms,
+                residual=deviation.residual,
                 difference=difference,
                 placing=_placing(first, second, motion),
             )

@@ -178,7 +178,7 @@ def _described(shape: Shape) -> list[tuple[str, str]]:
         ("name", shape.name),
         ("id", shape.id),
         ("tags", ", ".join(shape.tags)),
-        ("metadata", ", ".join(f"{key}={value}" for key, value in shape.metadata.items())),
+        ("metadata", json.dumps(shape.metadata, ensure_ascii=False) if shape.metadata else ""),
         ("file", f"{shape.format}, {shape.bytes:,} bytes, SHA-256 {shape.sha256}"),
         ("sides", _sides(shape)),
         ("along x, y, z", in_unit(" × ".join(map(number_in_words, facts.file_box)), unit)),

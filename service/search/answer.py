@@ -274,17 +274,18 @@ class _BestResult:
 
 
 def _misfit(best: _BestResult) -> tuple[float, ...]:
-    """Return what orders certain results: copies come first, nearest in size, then variants, then others.
+    """Return what orders certain results: copies come first, then variants, then others.
 
-    Of variants those with as many holes come first, and of these those that differ by the least distance.
-    Results that compare equal keep their order.
+    Of copies those nearest in size come first, and mirror images last; of variants those with as many holes,
+    and of these those that differ by the least distance. Results that compare equal keep their order.
     """
     result = best.result
     if not best.is_certain or result.scale is None:
         return (2.0 + (not best.is_certain),)
     growth = abs(math.log(result.scale))
     if (difference := result.difference) is None:
-        return (0.0, growth)
+        # A scale is right to about 1e-4.
+        return (0.0, round(growth, 3), float(result.likeness == "mirrored"))
     holes = difference.through_holes
     resized = max(0.0, growth - math.log1p(SAME_SIZE))
     return (1.0, float(holes is not None and holes[0] != holes[1]), resized, difference.distance)

@@ -55,7 +55,7 @@ WORK_PROBLEMS = (
     *READ_PROBLEMS,
     *WORKER_PROBLEMS,
 )
-ANSWER = "The most similar shapes, the best first: by cc, unless rank_by names another score."
+ANSWER = "The most similar shapes, the best first, as `ranked_by` says."
 
 
 @router.post(

@@ -72,10 +72,13 @@ async def relation_of(
     try:
         if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
             copy = await find_copy(container, first, second, parameters)
-        if copy is None and second is not None and may_be_pose(spectral, cc):
-            posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
+    try:
+        if copy is None and second is not None and may_be_pose(spectral, cc):
+            posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
+    except CoreError as error:
+        log.warning("a result may be a pose: %s", error)
     scale = None if copy is None else copy.scale
     kind = likeness(
         probability=probability,

@@ -11,6 +11,7 @@ import numpy as np
 from core.errors import CoreError
 from core.ranking.similarity_map import similarity_map
 from service.collection import CollectionNumber
+from service.compute.request_queue import together
 from service.container import Container
 from service.errors import ServiceError
 from service.pipelines.active import ActivePipeline
@@ -99,7 +100,7 @@ async def _drawn(
                 with suppress(CoreError, ServiceError):
                     drawn[key] = await draw_stored(container, collection, shape_id, key[1], side)
 
-    await asyncio.gather(*(draw(key, shape_id) for key, shape_id in missing.items()))
+    await together(draw(key, shape_id) for key, shape_id in missing.items())
     return drawn, len(missing) - begun
 
 

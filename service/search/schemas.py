@@ -27,7 +27,7 @@ LEAST_DIGITS, MOST_DIGITS = 4, 7
 
 CC_OF_PAIRS = (
     "Unlike shapes have a high cc too: 0.83 to 0.96 for 90 % of the pairs of two classes of SHREC'11, and "
-    "0.968 to 0.999 for 90 % of the pairs of one class. From 0.98 an answer is matched."
+    "0.968 to 0.999 for 90 % of the pairs of one class."
 )
 """How to read CC, as `isoshape evaluate` measured it (docs/likeness.md)."""
 
@@ -128,7 +128,8 @@ class SearchOptions(Filters):
     rank_by: RankBy | None = Field(
         default=None,
         description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
-        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first. The default "
+        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first; of those with "
+        "combined above 0.99, copies come first, and then variants. The default "
         "is cc, unless the service is set to another (`rank_by` of GET /version).",
     )
     partial: bool = Field(
@@ -235,7 +236,8 @@ class PairScores(BaseModel):
         "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image, of "
         "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
         "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
-        f"(the distance of the log eigenvalues is at most {NEAR_ISOMETRIC}, and cc at least {POSE_CC}) and "
+        f"(the isometry distance, of log eigenvalues and volumes, is at most {NEAR_ISOMETRIC}, and cc at least "
+        f"{POSE_CC}) and "
         "bent: no similarity transform brings corresponding points near each other. "
         f"similar: combined is at least {SIMILAR}. weak: none of these."
     )

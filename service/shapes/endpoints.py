@@ -330,7 +330,8 @@ def change_shape(
     A given field replaces the old value whole.
     """
     with container.database.write() as session:
-        target = named_too(session, request, changes.collection or collection.name)
+        name = collection.name if changes.collection is None else changes.collection
+        target = named_too(session, request, name)
         return Shape.of(service.change(session, collection.number, shape_id, changes, target.number))
 
 

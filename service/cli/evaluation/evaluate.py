@@ -54,7 +54,7 @@ def evaluate_command(
     precision), as in Shilane et al. 2004. Ties count against the ranking. Two more measure hubs: the skewness
     of the 10-occurrence (Radovanovic et al. 2010), and the share of the queries that have one and the same
     wrong first answer. The quantiles of CC over the pairs of one class and of two are printed too, with the
-    share of the pairs whose CC reaches the threshold of the pipeline.
+    share of the pairs whose CC is at least 0.98.
 
     The other methods run on the same meshes: ShapeDNA (Reuter et al. 2006) by LaPy, ICP (Besl and McKay 1992)
     by trimesh, MDS (Elad and Kimmel 2003) by scikit-learn, the shape distribution D2 (Osada et al. 2002), and

@@ -67,7 +67,7 @@ export async function erased(shape) {
  */
 export function deleted(...shapes) {
   if (days === 0) return false;
-  const undo = button("Undo", () => restore(shapes), `Undo: restore ${nameOf(shapes)}`);
+  const undo = undoOf(shapes);
   const time = days === 1 ? "one day" : `${days} days`;
   offer.replaceChildren(`${told(shapes, "deleted")} You can restore ${shapes.length === 1 ? "it" : "them"} within ${time}. `, undo);
   // The button is always visible, so the page need not scroll.
@@ -75,6 +75,9 @@ export function deleted(...shapes) {
   recount();
   return true;
 }
+
+/** @param {{ id: string, name: string }[]} shapes */
+const undoOf = (shapes) => button("Undo", () => restore(shapes), `Undo: restore ${nameOf(shapes)}`);
 
 /** @param {{ id: string, name: string }[]} shapes */
 async function restore(shapes) {
@@ -90,6 +93,9 @@ async function restore(shapes) {
     offer.focus({ preventScroll: true });
   } catch (error) {
     showError(errorBox, error);
+    // The rest can be restored by another press.
+    const rest = shapes.filter((shape) => !back.includes(shape));
+    if (back.length > 0) offer.replaceChildren(told(back, "restored"), " ", undoOf(rest));
   }
   if (back.length > 0) restored();
   await recount();

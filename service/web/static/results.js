@@ -48,6 +48,7 @@ export async function showResults(asked, answer, rankBy, count, isNew) {
   listed = { name: asked.name, results };
   byId("results-more", HTMLButtonElement).hidden = results.length < count || results.length >= Math.min(answer.compared, MOST);
   byId("results-export", HTMLButtonElement).hidden = results.length === 0;
+  shown?.differences.hide();
   shown = null;
   delete cards.dataset.painted;
   section.hidden = false;
@@ -120,7 +121,7 @@ const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 function summary(name, answer, rankBy) {
   if (answer.compared === 0) return `There are no stored shapes to compare ${name} with, or none passes the filters.`;
   const seconds = (answer.milliseconds.total / 1000).toFixed(2);
-  const alike = answer.matched || answer.results.some(({ likeness }) => likeness !== "weak");
+  const alike = answer.matched || answer.ranked_by === "part_distance";
   const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";
   return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s. `
     + `The results are sorted by ${rankBy}.${matched}`;

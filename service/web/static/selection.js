@@ -108,11 +108,11 @@ function finish(gone = []) {
   changed();
 }
 
-/** @param {(own: string[], given: string[]) => string[]} change Of the tags of a shape by those in the field. */
-async function retag(change) {
+/** @param {string} done @param {(own: string[], given: string[]) => string[]} change Of the tags of a shape by those in the field. */
+async function retag(done, change) {
   const given = tagsIn(tags.value);
   if (given.length === 0) return tags.focus();
-  await each("tagged", async ({ id }) => {
+  await each(done, async ({ id }) => {
     // The list may be older than the tags.
     selected.set(id, await changeShape(id, { tags: change((await readShape(id)).tags, given) }));
   });
@@ -138,8 +138,8 @@ const ACTIONS = {
     status.textContent = "";
     show();
   },
-  tag: () => retag((own, given) => [...new Set([...own, ...given])]),
-  untag: () => retag((own, given) => own.filter((tag) => !given.includes(tag))),
+  tag: () => retag("tagged", (own, given) => [...new Set([...own, ...given])]),
+  untag: () => retag("untagged", (own, given) => own.filter((tag) => !given.includes(tag))),
   move: async () => finish(await each(`moved to ${target.value}`, ({ id }) => changeShape(id, { collection: target.value }))),
   delete: async () => {
     if (!await mayDelete([...selected.values()])) return;
