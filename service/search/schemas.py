@@ -128,9 +128,9 @@ class SearchOptions(Filters):
     rank_by: RankBy | None = Field(
         default=None,
         description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
-        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first; of those with "
-        "combined above 0.99, copies come first, and then variants. The default "
-        "is cc, unless the service is set to another (`rank_by` of GET /version).",
+        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first; of those "
+        "with combined above 0.99, copies come first, and then variants. The default is cc, unless the "
+        "service is set to another (`rank_by` of GET /version).",
     )
     partial: bool = Field(
         default=False,
@@ -236,9 +236,8 @@ class PairScores(BaseModel):
         "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image, of "
         "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
         "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
-        f"(the isometry distance, of log eigenvalues and volumes, is at most {NEAR_ISOMETRIC}, and cc at least "
-        f"{POSE_CC}) and "
-        "bent: no similarity transform brings corresponding points near each other. "
+        f"(the isometry distance, of log eigenvalues and volumes, is at most {NEAR_ISOMETRIC}, and cc at "
+        f"least {POSE_CC}) and bent: no similarity transform brings corresponding points near each other. "
         f"similar: combined is at least {SIMILAR}. weak: none of these."
     )
     scale: float | None = Field(

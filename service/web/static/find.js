@@ -89,9 +89,6 @@ async function run(given, isNew) {
   progress.hidden = false;
   start.hidden = true;
   if (isNew) results.hidden = queryLine.hidden = true;
-  const parameters = parametersOf(form);
-  // A part is found by the distance of its spin images, whatever score is chosen.
-  const rankBy = parameters.has("partial") ? "part distance, the least first" : parameters.get("rank_by") ?? "";
   try {
     const [query, answer, { showResults }] = await Promise.all([
       given instanceof File ? ofFile(given) : ofStored(given, own.signal),
@@ -106,7 +103,7 @@ async function run(given, isNew) {
       ? "The link of this page keeps the filters, but not the file." : `${stored}The link of this page leads to these results.`;
     stored = "";
     queryLine.hidden = false;
-    await showResults(query, answer, rankBy, Number(count.value), isNew);
+    await showResults(query, answer, Number(count.value), isNew);
   } catch (error) {
     if (own.signal.aborted) return;
     results.hidden = true;

@@ -39,20 +39,20 @@ let listed = { name: "", results: [] };
 /**
  * @param {Asked} asked
  * @param {Answer} answer
- * @param {string} rankBy What sorts the results.
  * @param {number} count The number of results that was asked for.
  * @param {boolean} isNew Whether another query was shown before; then the results get the focus.
  */
-export async function showResults(asked, answer, rankBy, count, isNew) {
+export async function showResults(asked, answer, count, isNew) {
   const { results } = answer;
   listed = { name: asked.name, results };
-  byId("results-more", HTMLButtonElement).hidden = results.length < count || results.length >= Math.min(answer.compared, MOST);
+  const most = Math.min(answer.compared, MOST);
+  byId("results-more", HTMLButtonElement).hidden = results.length < count || results.length >= most;
   byId("results-export", HTMLButtonElement).hidden = results.length === 0;
   shown?.differences.hide();
   shown = null;
   delete cards.dataset.painted;
   section.hidden = false;
-  byId("results-summary", HTMLElement).textContent = summary(asked.name, answer, rankBy);
+  byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
   const warnings = byId("results-warnings", HTMLElement);
   warnings.hidden = answer.warnings.length === 0;
   warnings.textContent = answer.warnings.map(sentence).join(" ");
@@ -117,14 +117,16 @@ async function repaint() {
 /** @param {string} text */
 const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
-/** @param {string} name @param {Answer} answer @param {string} rankBy */
-function summary(name, answer, rankBy) {
+/** @param {string} name @param {Answer} answer */
+function summary(name, answer) {
   if (answer.compared === 0) return `There are no stored shapes to compare ${name} with, or none passes the filters.`;
   const seconds = (answer.milliseconds.total / 1000).toFixed(2);
   const alike = answer.matched || answer.ranked_by === "part_distance";
+  // The spin images of a part decide, whatever score is chosen.
+  const order = answer.ranked_by === "part_distance" ? "part distance, the least first" : answer.ranked_by;
   const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";
   return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s. `
-    + `The results are sorted by ${rankBy}.${matched}`;
+    + `The results are sorted by ${order}.${matched}`;
 }
 
 /** @type {[string, (result: Result) => string | number | null][]} */
@@ -143,8 +145,9 @@ const COLUMNS = [
   ["part_distance", ({ part_distance }) => part_distance],
   ["size_ratio", ({ size_ratio }) => size_ratio],
   ["unit", ({ shape }) => shape.unit],
-  .../** @type {const} */ (["length", "width", "height"]).map((name, axis) => /** @type {[string, (result: Result) => number]} */ (
-    [name, ({ shape }) => shape.facts.bounding_box[axis]])),
+  ["length", ({ shape }) => shape.facts.bounding_box[0]],
+  ["width", ({ shape }) => shape.facts.bounding_box[1]],
+  ["height", ({ shape }) => shape.facts.bounding_box[2]],
   ["area", ({ shape }) => shape.facts.area],
   ["volume", ({ shape }) => shape.facts.closed ? shape.facts.volume : null],
 ];

@@ -18,8 +18,8 @@
  *                      part_distance: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
- * @typedef {{ query: Mesh, results: Result[], matched: boolean, compared: number, stored: number, embedding: Embedding | null,
- *             milliseconds: Record<string, number>, warnings: string[], ranked_by: string }} Answer
+ * @typedef {{ query: Mesh, results: Result[], ranked_by: string, matched: boolean, compared: number, stored: number,
+ *             embedding: Embedding | null, milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
  * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts
  * @typedef {{ title: string, detail: string }} Cause

@@ -43,7 +43,8 @@ export function bringUp(turn, model, axis) {
  * @param {(axis: string) => void} apply
  */
 export function offerAxes(choice, apply) {
-  choice.append(make("option", { value: "", title: "the axis of each format" }, "auto"), ...Object.keys(AXES).map((axis) => make("option", {}, axis)));
+  const own = make("option", { value: "", title: "the axis of each format" }, "auto");
+  choice.append(own, ...Object.keys(AXES).map((axis) => make("option", {}, axis)));
   choice.value = keptAxis();
   choice.addEventListener("change", () => {
     try {
