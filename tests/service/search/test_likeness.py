@@ -79,18 +79,19 @@ def test_the_word_follows_the_number_however_dense_the_surroundings_are(stocked:
 def test_copies_precede_variants_and_these_what_is_no_rigid_copy(shared: Running) -> None:
     """All of them are certainly of one class, so that their order is that of what registration finds."""
     drawn: dict[str, Change] = {"hole more": "hole", "hole larger": "larger", "longer": "longer"}
-    parts = {name: part("shaft", Drawing(5, 0.1, change=change)) for name, change in drawn.items()}
-    first = part("shaft", Drawing(5, 0.1))
-    parts |= {"another": part("shaft", Drawing(6, 0.1)), "inches": moved(first, 2, scale=1 / 25.4)}
-    parts |= {"remeshed": moved(part("shaft", Drawing(5, 0.05, 0.4)), 3)}
+    parts = {name: part("bracket", Drawing(5, 0.1, change=change)) for name, change in drawn.items()}
+    first = part("bracket", Drawing(5, 0.1))
+    parts |= {"another": part("bracket", Drawing(6, 0.1)), "inches": moved(first, 2, scale=1 / 25.4)}
+    parts |= {"other hand": moved(first, 4, mirrored=True)}
+    parts |= {"remeshed": moved(part("bracket", Drawing(5, 0.05, 0.4)), 3)}
     for name, mesh in parts.items():
-        shared.store(file_of(mesh), f"{name}.off", tags="shafts")
-    answer = query(shared.client, file_of(first), tag="shafts", rank_by="combined", top_k=4)
+        shared.store(file_of(mesh), f"{name}.off", tags="brackets")
+    answer = query(shared.client, file_of(first), tag="brackets", rank_by="combined", top_k=5)
     found = by_name(answer)
     assert all(result["combined"] > CERTAIN for result in found.values())
-    assert [result["rank"] for result in answer.json()["results"]] == [1, 2, 3, 4]
-    assert list(found)[:2] == ["remeshed", "inches"]
-    assert set(found) - {"hole more", "hole larger", "longer"} == {"remeshed", "inches"}
+    assert [result["rank"] for result in answer.json()["results"]] == [1, 2, 3, 4, 5]
+    assert list(found)[:3] == ["remeshed", "other hand", "inches"]
+    assert set(list(found)[3:]) < {"hole more", "hole larger", "longer"}
 
 
 def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
