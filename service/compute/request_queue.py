@@ -143,16 +143,19 @@ class ActivityGate:
 async def together(works: Iterable[Coroutine[Any, Any, Result]]) -> list[Result]:
     """Run coroutines at a time and return their results; the first error ends the others and is raised.
 
-    A cancellation from outside goes before an error.
+    A cancellation goes before an error, where that of a task group may be lost.
     """
+    tasks = [asyncio.create_task(work) for work in works]
+    if not tasks:
+        return []
     try:
-        async with asyncio.TaskGroup() as group:
-            tasks = [group.create_task(work) for work in works]
-    except ExceptionGroup as several:
-        task = asyncio.current_task()
-        if task is not None and task.cancelling():
-            raise asyncio.CancelledError from several
-        raise several.exceptions[0] from None
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+    for task in done:
+        task.result()
     return [task.result() for task in tasks]
 
 
