@@ -156,7 +156,7 @@ def test_a_page_says_what_there_is_to_know() -> None:
     assert {"No shape is among the results.", "a <hole>"} <= set(nothing.texts)
     weak = Parsed(report(matched=False, results=[{**RESULT, "likeness": "weak"}]))
     assert any("The nearest shapes follow" in text for text in weak.texts)
-    assert not any("The nearest shapes" in text for text in Parsed(report(matched=False)).texts)
+    assert not any("The nearest shapes" in text for text in Parsed(report()).texts)
     part = {**RESULT, "part_distance": 0.25}
     told = Parsed(report(results=[part]))
     assert "part distance" in told.texts

@@ -49,7 +49,7 @@ def test_show_describes_a_shape_by_id_or_name(archive: Client, stored: dict[str,
     shape = stored[LONG].shape
     by_name, by_id = (run("show", text, "--url", archive.url).stdout for text in (LONG, shape.id))
     assert by_name == by_id
-    for text in (shape.sha256, "60 × 50 × 40", "14800", "120000", "rev=b", "8 vertices, 12 faces"):
+    for text in (shape.sha256, "60 × 50 × 40", "14800", "120000", '"rev": "b"', "8 vertices, 12 faces"):
         assert text in by_name
     shown = run("show", "cup.off", "cup.stl", "--json", "--url", archive.url).stdout.splitlines()
     assert [json.loads(line)["id"] for line in shown] == [

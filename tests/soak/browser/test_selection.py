@@ -53,7 +53,7 @@ def test_selected_shapes_are_tagged(visit: Visit, service: Running) -> None:
     page.get_by_role("checkbox", name="Select fish-2.ply").uncheck()
     page.fill("#selection-tags", "checked")
     press(page, "Remove")
-    told(page, "2 shapes tagged.")
+    told(page, "2 shapes untagged.")
     assert [shape["name"] for shape in stored(service, tag="checked")] == ["fish-2.ply"]
     press(page, "Select none")
     expect(page.locator("#selection")).to_be_hidden()
@@ -66,6 +66,7 @@ def test_selected_shapes_are_moved_and_what_cannot_be_is_told(visit: Visit, serv
         visit.expected = ["409"]
         page = visit.open("browse")
         select(page, *FISH)
+        page.wait_for_load_state("networkidle")
         page.select_option("#selection-collection", "castings")
         press(page, "Move")
         expect(page.locator("#selection-status")).to_contain_text(
@@ -75,6 +76,7 @@ def test_selected_shapes_are_moved_and_what_cannot_be_is_told(visit: Visit, serv
         expect(page.locator("#gallery .name")).to_have_text([name for name in NAMES if name not in FISH[::2]])
         assert page.get_by_role("checkbox", name="Select fish-1.ply").is_checked()
         assert sorted(shape["name"] for shape in stored(other)) == list(FISH)
+        page.wait_for_load_state("networkidle")
         other.clear()
         assert other.client.delete("/collections/castings").status_code == 204
 
