@@ -203,13 +203,15 @@ def _registered(
         near = [fit for fit in fits if fit.deviating <= least + DRAWN] if least > COPIED else fits[:1]
         motions = [fitted(first, second, fit.motion) for fit in near]
         judged = [(local_deviation(first, second, motion), motion) for motion in motions]
-        deviation, motion = min(judged, key=lambda fit: (not fit[0].within, fit[0].rms))
+        deviation, motion = min(
+            judged, key=lambda fit: (not fit[0].within, not _is_local(fit[0]), fit[0].rms)
+        )
         scale = motion.scale * second.samples.unit / first.samples.unit
         if deviation.within:
             mirrored = sign < 0 and not (_is_achiral(first) or _is_achiral(second))
             placing = _placing(first, second, motion)
             return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms, placing=placing)
-        if variants and sign > 0 and deviation.share <= LOCAL and deviation.residual <= RESIDUAL:
+        if variants and sign > 0 and _is_local(deviation):
             difference = _difference(first, second, motion, deviation)
             variant = RigidCopy(
                 scale,
@@ -219,6 +221,11 @@ def _registered(
                 placing=_placing(first, second, motion),
             )
     return variant
+
+
+def _is_local(deviation: LocalDeviation) -> bool:
+    """Return whether two surfaces are equal but for a part of them."""
+    return deviation.share <= LOCAL and deviation.residual <= RESIDUAL
 
 
 def _placing(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Similarity:
