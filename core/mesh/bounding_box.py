@@ -31,7 +31,7 @@ THICKNESS = 1e-5
 """Added to each side, in units of the longest, before volumes are compared: that of a flat surface is 0."""
 
 MOST_CORNERS, DIRECTIONS = 10_000, 1_000
-"""Of a convex hull with more vertices, those farthest in `DIRECTIONS` directions determine the axes."""
+"""Most vertices of a convex hull that give the axes: of more, the farthest in `DIRECTIONS` directions."""
 
 DIGITS = 7
 """Significant digits of the longest side, as many as float32 coordinates have."""

@@ -97,7 +97,7 @@ def _stepped(
     points = np.concatenate([moved, motion.apply(back)])
     normals = np.concatenate([ahead_normals, back_normals @ motion.rotation.T])
     gaps = np.concatenate([ahead, targets]) - points
-    # Robust weights: near pairs count by their variance, far ones hardly.
+    # Robust weights: near pairs count by their variance, far ones hardly. Vertices and planes are exact.
     squares = (gaps**2).sum(axis=1)
     spans = np.concatenate([first.errors[ours] + ahead_errors, second.errors[theirs] + back_errors])
     sag = np.concatenate(
@@ -200,7 +200,7 @@ def distances_to(
     on_edge = shares[np.arange(len(shares)), least] <= ON_EDGE
     sides = 3 * faces + (least + 1) % 3
     gaps[on_edge & second.curved.at_gap[sides]] = 0.0
-    # What is nearest beyond a rim lies on it, or on another side of it.
+    # The closest point of a probe beyond a rim lies on the rim, or on another side of it.
     turned = normals @ motion.rotation.T
     beyond = np.einsum("nx,nx->n", turned, target_normals) < CREASE
     along = np.abs(np.einsum("nx,nx->n", targets - moved, turned))

@@ -276,8 +276,8 @@ class _BestResult:
 def _misfit(best: _BestResult) -> tuple[float, ...]:
     """Return what orders certain results: copies come first, then variants, then others.
 
-    Of copies those nearest in size come first, and mirror images last; of variants those with as many holes,
-    and of these those that differ by the least distance. Results that compare equal keep their order.
+    Copies are sorted by size, the nearest first, with mirror images last; variants by whether they have as
+    many holes, by size, and by the distance of the difference. Results that compare equal keep their order.
     """
     result = best.result
     if not best.is_certain or result.scale is None:

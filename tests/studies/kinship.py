@@ -4,8 +4,8 @@
 
 Copies are turned, scaled, mirrored and remeshed; variants have a hole more, moved or larger, a fillet more,
 or are longer. Exits with status 1 unless 98 % of the pairs have the right likeness, 98 % of the copies a
-scale that is right to 1e-4, and 90 % of the pairs one likeness by /query, /compare and /duplicates, and if a
-variant is a copy.
+scale that is right to 1e-4, and 90 % of the pairs one likeness by /query, /compare and /duplicates; and if a
+variant is a copy, a copy at the tolerance of the first a variant, or the scale of a part with planes wrong.
 """
 
 from collections.abc import Iterator
@@ -59,10 +59,15 @@ PHASE = 0.37
 """Share of a segment by which the vertices of the circles of a remeshed part are turned."""
 
 
-RIGHT, AGREED, SCALE = 0.98, 0.9, 1e-4
-"""Least shares of right pairs and scales, and of pairs with one likeness in three answers, of which one may
-be wrong; and largest relative error of a right scale. The candidates of /duplicates lack some pairs of coarse
-and fine curved surfaces."""
+RIGHT, AGREED = 0.98, 0.9
+"""Least shares of right pairs and scales, and of pairs with one likeness in three answers; one may be wrong.
+The candidates of /duplicates lack some pairs of coarse and fine curved surfaces."""
+
+SCALE, ROUGH = 1e-4, 5e-4
+"""Largest relative error of a scale, and that of the parts of `ROUND` and of decimated ones."""
+
+ROUND: frozenset[Family] = frozenset({"eyebolt", "tray"})
+"""Families with surfaces that bend in two directions."""
 
 COPY = frozenset({"same", "scaled", "mirrored"})
 
@@ -142,27 +147,38 @@ def _step(kind: str, number: int, tolerance: float = 0.0) -> PlantedPair:
     known_scale = None if right == "variant" else scale
     about = f"{kind}, STEP", f"prism {number}"
     formats = ("step", "stl" if kind == "STL" else "step")
-    # A plate that is thicker differs everywhere.
-    rights = frozenset({right, "similar"} if kind == "longer" else {right})
-    return PlantedPair(*about, (first, second), rights, known_scale, formats)
+    return PlantedPair(*about, (first, second), frozenset({right}), known_scale, formats)
 
 
 def main(folder: Path, seed: int, every: int) -> bool:
     """Write kinship.csv; return whether all bounds hold."""
     answers = compared(islice(planted_pairs(seed), 0, None, every))
     write_table(folder / "kinship.csv", answers)
+    copies = [answer for answer in answers if answer.pair.right & COPY]
     confused = [answer for answer in answers if "variant" in answer.pair.right and answer.likeness in COPY]
-    scales = [answer for answer in answers if answer.pair.right & COPY]
+    confused += [answer for answer in copies if answer.likeness == "variant" and not is_coarser(answer.pair)]
+    confused += [answer for answer in copies if answer.error > (ROUGH if is_rough(answer.pair) else SCALE)]
+    for answer in confused:
+        print(f"{answer.pair.kind}, {answer.pair.name}: {answer.likeness}, scale wrong by {answer.error:.0e}")
     found = {
         "have the right likeness": ([answer.right for answer in answers], RIGHT),
         "have one likeness in three answers": ([answer.agreed for answer in answers], AGREED),
-        f"have a scale within {SCALE:g}": ([answer.error <= SCALE for answer in scales], RIGHT),
+        f"have a scale within {SCALE:g}": ([answer.error <= SCALE for answer in copies], RIGHT),
     }
     for about, (good, _) in found.items():
         print(f"{sum(good)} of {len(good)} pairs {about}.")
-    print(f"The largest error of a scale is {max(answer.error for answer in scales):.0e}.")
     wrong = [(good.count(False), max(1.0, (1.0 - least) * len(good))) for good, least in found.values()]
     return not confused and all(count <= most for count, most in wrong)
+
+
+def is_coarser(pair: PlantedPair) -> bool:
+    """Return whether the two meshes of a pair have different chord tolerances."""
+    return pair.kind == "other tolerance" or pair.kind in FINER or "STL" in pair.kind
+
+
+def is_rough(pair: PlantedPair) -> bool:
+    """Return whether no plane, or only a decimated mesh, tells the scale of a pair."""
+    return pair.kind == "decimated" or pair.name.split()[0] in ROUND
 
 
 if __name__ == "__main__":

@@ -88,10 +88,15 @@ def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
     for group in report["groups"]:
         oldest = group[0]["shape"]["id"]
         grouped |= {(oldest, member["shape"]["id"]): member["likeness"] for member in group}
-    return [
+    answers = [
         replace(answer, duplicates=grouped.get(pair, NONE))
         for answer, pair in zip(answers, members, strict=True)
     ]
+    for answer in answers:
+        if not answer.agreed:
+            words = f"{answer.query} by /query and {answer.duplicates} by /duplicates, not {answer.likeness}"
+            print(f"{answer.pair.kind}, {answer.pair.name}: {words}")
+    return answers
 
 
 def write_table(path: Path, answers: list[Compared]) -> None:
