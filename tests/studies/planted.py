@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from core.ranking.likeness import Likeness
-from tests.service.support import serving, settings_in
+from tests.service.support import Running, serving, settings_in
 from tests.studies.common import write
 
 NONE = "none"
@@ -77,26 +77,24 @@ def compared(pairs: Iterable[PlantedPair]) -> list[Compared]:
             if not right:
                 expected = " or ".join(sorted(pair.right))
                 print(f"{pair.kind}, {pair.name}: {told['likeness']}, not {expected}; cc {told['cc']:.4f}")
-        report: dict[str, Any] = {"unjudged": 1}
-        while report["unjudged"]:
-            report = (
-                running.client.get("/duplicates", params={"variants": True, "scaled": True})
-                .raise_for_status()
-                .json()
-            )
-    grouped: dict[tuple[str, str], str] = {}
-    for group in report["groups"]:
-        oldest = group[0]["shape"]["id"]
-        grouped |= {(oldest, member["shape"]["id"]): member["likeness"] for member in group}
-    answers = [
-        replace(answer, duplicates=grouped.get(pair, NONE))
-        for answer, pair in zip(answers, members, strict=True)
-    ]
+        for number, (first, second) in enumerate(members):
+            told = _duplicates(running, f"pair {number}")
+            answers[number] = replace(answers[number], duplicates=told.get((first, second), NONE))
     for answer in answers:
         if not answer.agreed:
             words = f"{answer.query} by /query and {answer.duplicates} by /duplicates, not {answer.likeness}"
             print(f"{answer.pair.kind}, {answer.pair.name}: {words}")
     return answers
+
+
+def _duplicates(running: Running, tag: str) -> dict[tuple[str, str], str]:
+    """Return the likeness of each duplicate with a tag to the first of its group, by the ids of both."""
+    report: dict[str, Any] = {"unjudged": 1}
+    while report["unjudged"]:
+        options = {"variants": True, "scaled": True, "tag": tag}
+        report = running.client.get("/duplicates", params=options).raise_for_status().json()
+    ids = [[(member["shape"]["id"], member["likeness"]) for member in group] for group in report["groups"]]
+    return {(group[0][0], member): likeness for group in ids for member, likeness in group}
 
 
 def write_table(path: Path, answers: list[Compared]) -> None:
