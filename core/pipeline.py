@@ -15,6 +15,7 @@ from core.dense.dense_correspondence import (
     correspond,
     working_surface,
 )
+from core.dense.functional_maps import FINE
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
 from core.matching.match_records import embedding_key
@@ -144,6 +145,8 @@ class Pipeline:
         second: Mesh,
         embeddings: tuple[Embedding, Embedding] | None = None,
         transform: Similarity | None = None,
+        *,
+        functions: int = FINE,
     ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Compute the dense correspondence from the first mesh to the second, and back.
 
@@ -156,6 +159,9 @@ class Pipeline:
             Of the two meshes by this pipeline; they are computed unless given.
         transform : Similarity, optional
             Of the first mesh onto the second, if they are registered as a copy or a variant.
+        functions : int
+            Eigenfunctions of the functional map: `FINE`, or `core.dense.functional_maps.FUNCTIONS` in a third
+            of the time.
 
         Raises
         ------
@@ -173,7 +179,7 @@ class Pipeline:
                 self._working_surface(first, embeddings[0]),
                 self._working_surface(second, embeddings[1]),
             )
-            return correspond(surfaces, pairs, mirrored, transform)
+            return correspond(surfaces, pairs, mirrored, transform, functions)
 
     def _working_surface(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         """Return the surface of a mesh on which a dense correspondence is computed."""

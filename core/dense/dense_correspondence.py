@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.functional_maps import Basis, basis, functional_map, nearest_both_ways
+from core.dense.functional_maps import FINE, Basis, basis, functional_map, nearest_both_ways
 from core.embedding import DenseCorrespondence
 from core.mesh.box_tree import triangle_tree
 from core.mesh.cleaning import vertex_areas
@@ -148,6 +148,7 @@ def correspond(
     pairs: Sequence[Ints],
     mirrored: bool | None,
     transform: Similarity | None = None,
+    functions: int = FINE,
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
     """Compute the correspondence from the first surface to the second, and from the second to the first.
 
@@ -160,6 +161,8 @@ def correspond(
         Whether they reverse orientation, if that is known.
     transform : Similarity or None
         Of the first given mesh onto the second, if it is known.
+    functions : int
+        Eigenfunctions of the functional map: `FINE`, or `FUNCTIONS` in a third of the time.
     """
     first, second = surfaces
     samples = surface_samples(first.mesh), surface_samples(second.mesh)
@@ -174,9 +177,8 @@ def correspond(
         motion = units[0].inverse.then(transform).then(units[1])
 
     # Pair all vertices by functional maps.
-    maps = _vertex_maps(
-        basis(first.mesh), basis(second.mesh), [_vertices(surfaces, some) for some in pairs], mirrored
-    )
+    bases = basis(first.mesh, functions), basis(second.mesh, functions)
+    maps = _vertex_maps(*bases, [_vertices(surfaces, some) for some in pairs], mirrored)
 
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])

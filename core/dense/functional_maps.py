@@ -7,8 +7,10 @@ wrong pairs are outvoted, and what the six dimensions of the embedding cannot te
 around a limb, the higher eigenfunctions can. Each map is fitted to the nearest neighbours of both surfaces,
 there and back, as in the bijective ZoomOut (Ren, Melzi, Wonka and Ovsjanikov, "Discrete optimization for
 shape matching", 2021). Maps grow from several first sizes and from several correspondences of samples, which
-may be mirror images of each other. The map is kept whose orientation is that of the samples, which brings the
-two surfaces' functions closest and nearly commutes with their Laplacians, as isometries do.
+may be mirror images of each other or turned about a long axis. At full size the map is kept which brings the
+two surfaces' functions closest, nearly commutes with their Laplacians, as isometries do, and brings ridges
+to ridges and hollows to hollows: a turned map of a body preserves lengths and orientation, and its mean
+curvature tells front from back. The kept map may then grow further.
 """
 
 from collections.abc import Sequence
@@ -24,24 +26,30 @@ from core.mesh.mesh import Mesh
 from core.spectral.laplace_beltrami import laplacian
 from core.spectral.orientation import ORIENTED, face_signs, orientation_agreement, signed_areas
 
-FUNCTIONS = 100
-"""Size of the last map, the constant function counted."""
+FUNCTIONS, FINE = 100, 300
+"""Size of the maps among which one is chosen, the constant function counted, and of the last map if it is
+fine."""
 
 STARTS, STEP = (6, 20), 5
 """Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right pairs;
 and by how much they grow."""
 
 EARLY, LATE_STEP = 40, 20
-"""Size at which the best map is chosen, and by how much it then grows."""
+"""Size at which the best of the maps from one correspondence of samples is chosen, and by how much it then
+grows."""
 
 ISOMETRIC, COMMUTING = 100.0, 60
 """Weight of the commutator of map and Laplacians beside the residual, and the number of functions in it."""
 
-PRESERVING = 20.0
-"""Weight of the agreement of orientation, beside them."""
+PRESERVING, RIDGED = 20.0, 50.0
+"""Weights of the agreement of orientation, and of the correlation of mean curvatures, beside them."""
 
 SEARCHED, REFINED = 600, 2000
-"""Vertices of each surface that all maps are fitted to, and the chosen one; the last map then pairs all."""
+"""Vertices of each surface that all maps are fitted to while they are small, and the later ones; the last map
+then pairs all."""
+
+FINE_STEP, FINELY_REFINED = 50, 3500
+"""By how much a map grows from `FUNCTIONS` to `FINE`, and the vertices of each surface that fit it."""
 
 _ROWS = 1024
 """Rows of the first set whose products are held at a time."""
@@ -62,31 +70,53 @@ class Basis:
     orientation : float64, shape (n, e), or None
         Signed areas (`core.spectral.orientation`) of the first functions after the constant one about each
         vertex, over its area; None if the faces are turned every way.
+    curvature : float64, shape (n,), or None
+        Twice the mean curvature of the surface that the first `FUNCTIONS` functions reconstruct, when the
+        whole area is 1; negative where it is convex. None with `orientation`.
     """
 
     functions: Floats
     eigenvalues: Floats
     areas: Floats
     orientation: Floats | None
+    curvature: Floats | None
 
 
-def basis(mesh: Mesh, count: int = FUNCTIONS) -> Basis:
+def basis(mesh: Mesh, count: int) -> Basis:
     """Return the first eigenfunctions of a clean mesh, as many as `count` >= 2, or as its vertices allow."""
     areas = laplacian(mesh)[1]
     total = float(areas.sum())
     values, functions = approximate_laplace_beltrami(mesh, min(count, len(mesh.vertices)) - 1)
-    constant = np.ones((len(areas), 1))
-    functions = np.hstack([constant, np.sqrt(total) * functions])
-    orientation = _orientation(mesh, functions[:, 1 : ORIENTED + 1], areas / total)
-    return Basis(functions, np.concatenate([[0.0], total * values]), areas / total, orientation)
-
-
-def _orientation(mesh: Mesh, functions: Floats, areas: Floats) -> Floats | None:
+    eigenvalues = np.concatenate([[0.0], total * values])
+    functions = np.hstack([np.ones((len(areas), 1)), np.sqrt(total) * functions])
+    shares = areas / total
     signs = face_signs(mesh, face_areas(mesh.vertices, mesh.faces))
     if signs is None:
-        return None
+        return Basis(functions, eigenvalues, shares, None, None)
     vertices = np.arange(len(mesh.vertices))
-    return signed_areas(functions, mesh.faces, signs, vertices, len(vertices)) / areas[:, None]
+    planes = signed_areas(functions[:, 1 : ORIENTED + 1], mesh.faces, signs, vertices, len(vertices))
+    low = slice(FUNCTIONS)
+    curvature = _mean_curvature(mesh, signs, functions[:, low], eigenvalues[low], shares) / np.sqrt(total)
+    return Basis(functions, eigenvalues, shares, planes / shares[:, None], curvature)
+
+
+def _mean_curvature(
+    mesh: Mesh, signs: Floats, functions: Floats, eigenvalues: Floats, areas: Floats
+) -> Floats:
+    """Return twice the mean curvature of the surface that functions reconstruct, shape (n,).
+
+    The Laplacian of the positions, the sum of -lambda_i <phi_i, x> phi_i, is along the normal.
+    """
+    corners = mesh.vertices[mesh.faces]
+    face_normals = signs[:, None] * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(mesh.vertices)
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], face_normals)
+    lengths = np.linalg.norm(normals, axis=1)
+    coefficients = functions.T @ (areas[:, None] * mesh.vertices)
+    laplacian_of_positions = functions @ (-eigenvalues[:, None] * coefficients)
+    along = np.einsum("nx,nx->n", normals, laplacian_of_positions)
+    return np.asarray(along / np.where(lengths > 0.0, lengths, 1.0))
 
 
 def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None) -> Ints:
@@ -136,23 +166,35 @@ def functional_map(
             raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {start.shape}")
     largest = min(first.functions.shape[1], second.functions.shape[1])
     few_of_first, few_of_second = _some(first, SEARCHED), _some(second, SEARCHED)
-    grown = [
-        _upsampled(
-            few_of_first,
-            few_of_second,
-            _orthogonal(first.functions[start[:, 0], :size].T @ second.functions[start[:, 1], :size]),
-            _sizes(size, min(EARLY, largest), STEP),
-        )
-        for start in known
-        for size in [size for size in STARTS if size <= min(largest, len(start))] or [min(largest, STARTS[0])]
+    some = _some(first, REFINED), _some(second, REFINED)
+    chosen: list[Floats] = []
+    for start in known:
+        # Grow a map from each first size, and keep the best of one start.
+        sizes = [size for size in STARTS if size <= min(largest, len(start))] or [min(largest, STARTS[0])]
+        grown = [
+            _upsampled(
+                few_of_first,
+                few_of_second,
+                _orthogonal(first.functions[start[:, 0], :size].T @ second.functions[start[:, 1], :size]),
+                _sizes(size, min(EARLY, largest), STEP),
+            )
+            for size in sizes
+        ]
+        chosen.append(min(grown, key=lambda rotation: _cost(few_of_first, few_of_second, rotation, mirrored)))
+    # Choose among the starts at full size, where mean curvature tells a turned map from the right one.
+    whole = min(FUNCTIONS, largest)
+    maps = [
+        _upsampled(*some, rotation, _sizes(len(rotation), whole, LATE_STEP) or [whole]) for rotation in chosen
     ]
-    best = min(grown, key=lambda rotation: _cost(few_of_first, few_of_second, rotation, mirrored))
-    sizes = _sizes(len(best), largest, LATE_STEP) or [largest]
-    return _upsampled(_some(first, REFINED), _some(second, REFINED), best, sizes)
+    best = maps[0] if len(maps) == 1 else min(maps, key=lambda rotation: _cost(*some, rotation, mirrored))
+    if whole == largest:
+        return best
+    finer = _some(first, FINELY_REFINED), _some(second, FINELY_REFINED)
+    return _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP))
 
 
 def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) -> float:
-    """Return how badly a map brings the functions together, keeps the Laplacian, and has its orientation."""
+    """Return how badly a map brings functions together and keeps Laplacian, curvature and orientation."""
     size = len(rotation)
     rotated, targets = first.functions[:, :size] @ rotation, second.functions[:, :size]
     forward, backward = nearest_both_ways(rotated, targets)
@@ -164,6 +206,8 @@ def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) 
     ours, theirs = first.eigenvalues[:low], second.eigenvalues[:low]
     commutator = np.linalg.norm((ours[:, None] - theirs) * paired) / np.linalg.norm(ours)
     cost = float(residual + ISOMETRIC * commutator)
+    if first.curvature is not None and second.curvature is not None:
+        cost -= RIDGED * _correlation(first.curvature, second.curvature[forward], first.areas)
     if mirrored is None or first.orientation is None or second.orientation is None:
         return cost
     width = first.functions[:, 1 : ORIENTED + 1].shape[1]
@@ -176,6 +220,13 @@ def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) 
     return cost + PRESERVING * float(agreement if mirrored else -agreement)
 
 
+def _correlation(first: Floats, second: Floats, areas: Floats) -> float:
+    """Return the correlation over the area of two functions, in [-1, 1]; 0 if one is constant."""
+    first, second = first - areas @ first, second - areas @ second
+    size = np.sqrt((areas @ first**2) * (areas @ second**2))
+    return float(areas @ (first * second) / size) if size > 0.0 else 0.0
+
+
 def _squares(rows: Floats) -> Floats:
     return np.asarray(np.einsum("ij,ij->i", rows, rows))
 
@@ -185,8 +236,9 @@ def _some(side: Basis, most: int) -> Basis:
     count = len(side.areas)
     chosen = np.random.default_rng(count).permutation(count)[:most]
     orientation = None if side.orientation is None else side.orientation[chosen]
+    curvature = None if side.curvature is None else side.curvature[chosen]
     areas = side.areas[chosen] / side.areas[chosen].sum()
-    return Basis(side.functions[chosen], side.eigenvalues, areas, orientation)
+    return Basis(side.functions[chosen], side.eigenvalues, areas, orientation, curvature)
 
 
 def _orthogonal(cross: Floats) -> Floats:

@@ -16,8 +16,11 @@ from core.spectral.lanczos import SymmetricFactor
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian, scaled
 
 COARSE, GUARD, SPREAD = 500, 30, 3
-"""Bumps of the coarse space, functions that are computed beyond those asked for, and steps of diffusion that
-widen a bump."""
+"""Least number of bumps of the coarse space, functions that are computed beyond those asked for, and steps of
+diffusion that widen a bump."""
+
+BUMPS_EACH = 3
+"""Bumps for each function that is asked for."""
 
 _SETTLED = 1e-7
 """Least norm of the change of a function in the second step: below it the function is exact."""
@@ -30,28 +33,29 @@ def approximate_laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats
     """Return the first `count` eigenpairs after the constant one, approximately on large meshes.
 
     Parameters and result are those of `core.spectral.laplace_beltrami.laplace_beltrami`. Meshes with less
-    than twice `COARSE` vertices, and the few whose coarse space is degenerate, get exact eigenpairs.
+    than two vertices for each bump, and the few whose coarse space is degenerate, get exact eigenpairs.
     """
-    if len(mesh.vertices) < 2 * COARSE or count + GUARD >= COARSE // 2:
+    coarse = max(COARSE, BUMPS_EACH * count)
+    if len(mesh.vertices) < 2 * coarse:
         return laplace_beltrami(mesh, count)
     stiffness, areas = laplacian(mesh)
     try:
-        values, functions = _by_subspace(stiffness, areas, count + 1)
+        values, functions = _by_subspace(stiffness, areas, count + 1, coarse)
     except LinAlgError:
         return laplace_beltrami(mesh, count)
     return np.maximum(values[1:], 0.0), functions[:, 1:]
 
 
-def _by_subspace(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+def _by_subspace(stiffness: csc_array, areas: Floats, count: int, coarse: int) -> tuple[Floats, Floats]:
     """Compute eigenpairs, the constant one first; the functions have unit norm by area."""
     root = np.sqrt(areas)
     matrix = scaled(stiffness, areas)
     # A small shift makes the matrix positive definite.
     shift = 0.01 / float(areas.sum())
     factor = SymmetricFactor(scaled(stiffness, areas, shift))
-    bumps = csr_array(diags_array(root) @ _bumps(stiffness, areas))
+    bumps = csr_array(diags_array(root) @ _bumps(stiffness, areas, coarse))
     mass = (bumps.T @ bumps).toarray()
-    mass += _REGULAR * float(np.trace(mass)) / COARSE * np.eye(COARSE)
+    mass += _REGULAR * float(np.trace(mass)) / coarse * np.eye(coarse)
     energy = (bumps.T @ matrix @ bumps).toarray()
     # All pairs by divide and conquer take less time than some of them.
     values, mixed = (each[..., : count + GUARD] for each in eigh(energy, mass, check_finite=False))
@@ -72,15 +76,15 @@ def _ritz(matrix: csc_array, space: Floats, count: int) -> tuple[Floats, Floats]
     return values[:count], space @ mixed[:, :count]
 
 
-def _bumps(stiffness: csc_array, areas: Floats) -> csr_array:
-    """Return smooth functions around `COARSE` vertices, of sum 1 or 0 at each vertex, shape (n, COARSE).
+def _bumps(stiffness: csc_array, areas: Floats, coarse: int) -> csr_array:
+    """Return smooth functions around c = `coarse` vertices, of sum 1 or 0 at each vertex, shape (n, c).
 
     Vertices are drawn by area, without replacement, the same for as many vertices.
     """
     size = len(areas)
     keys = np.random.default_rng(size).exponential(size=size) / areas
-    centres = np.argsort(keys, kind="stable")[:COARSE]
-    bumps = csr_array((np.ones(COARSE), (centres, np.arange(COARSE))), shape=(size, COARSE))
+    centres = np.argsort(keys, kind="stable")[:coarse]
+    bumps = csr_array((np.ones(coarse), (centres, np.arange(coarse))), shape=(size, coarse))
     weights = abs(stiffness)
     diffusion = csr_array(diags_array(1.0 / np.asarray(weights.sum(axis=1)).ravel()) @ weights)
     for _ in range(SPREAD):

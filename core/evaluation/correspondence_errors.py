@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.functional_maps import Basis, basis, extend
+from core.dense.functional_maps import FINE, Basis, basis, extend
 from core.embedding import Embedding
 from core.errors import ParameterError
 from core.gallery.bodies import Body, individual_partners, make_body
@@ -81,7 +81,7 @@ class PreparedMesh:
     @classmethod
     def of(cls, mesh: Mesh, pipeline: Pipeline) -> "PreparedMesh":
         """Embed a mesh and compute its basis."""
-        return cls(pipeline.embed(mesh), basis(mesh))
+        return cls(pipeline.embed(mesh), basis(mesh, FINE))
 
 
 def surface_distances(body: Body) -> Floats:
@@ -242,7 +242,7 @@ def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
     lengths = geodesics(edge_graph(cleaned), sources, np.arange(len(cleaned.vertices)))
     area = float(face_areas(cleaned.vertices, cleaned.faces).sum())
     distances = (lengths.T / np.sqrt(area)).astype(np.float32)[rows.reshape(nearest.shape)]
-    return KnownMesh(pipeline.embed(cleaned), basis(cleaned), cleaned, nearest, distances)
+    return KnownMesh(pipeline.embed(cleaned), basis(cleaned, FINE), cleaned, nearest, distances)
 
 
 def truth_errors(first: KnownMesh, second: KnownMesh, targets: Ints) -> TruthErrors:

@@ -204,13 +204,15 @@ def dense_correspondence(
     second_record: bytes,
     parameters: Parameters,
     placing: Similarity | None,
+    functions: int,
 ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
     """Find the dense correspondence both ways; see `core.pipeline.Pipeline.correspond_both`.
 
     `placing` maps the second mesh onto the first, if it is registered.
     """
     embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
-    return Pipeline(parameters).correspond_both(first, second, embeddings, placing and placing.inverse)
+    transform = placing and placing.inverse
+    return Pipeline(parameters).correspond_both(first, second, embeddings, transform, functions=functions)
 
 
 def correspondence_archive(way: DenseCorrespondence) -> bytes:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from core.dense.functional_maps import FINE, FUNCTIONS
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding, Match, Scores
 from core.io import format_of
@@ -226,7 +227,7 @@ async def _compare(
         drawn = await _painted(container, pair, records, parameters, placing, options, timings)
         return Response(drawn, media_type=PNG if options.format == "png" else MEDIA_TYPE)
     with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing)
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing, FINE)
     if options.format == "npz":
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     # The answer of a large mesh takes longer to write than the event loop may wait.
@@ -260,7 +261,7 @@ async def _painted(
             with timings.stage("draw"):
                 return await do(rendering.painted_distances, pair, placing, registered, FACES, size)
     with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing)
+        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing, FUNCTIONS)
     with timings.stage("draw"):
         return await do(rendering.painted, pair, ways, options.paint, FACES, size)
 

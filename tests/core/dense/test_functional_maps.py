@@ -5,11 +5,12 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from core.dense.functional_maps import basis, extend, nearest_both_ways
+from core.dense.functional_maps import FUNCTIONS, basis, extend, nearest_both_ways
 from core.errors import ParameterError
-from core.evaluation.correspondence_errors import surface_distances
-from core.gallery.bodies import make_body
+from core.evaluation.correspondence_errors import PreparedMesh, dense_map, surface_distances
+from core.gallery.bodies import individual_partners, make_body
 from core.mesh.mesh import Mesh
+from core.pipeline import Pipeline
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def shuffled(body):
     posed = body.posed(2)
     moved = np.empty_like(posed.vertices)
     moved[order] = posed.vertices
-    return order, basis(body.rest), basis(Mesh(moved, order[posed.faces]))
+    return order, basis(body.rest, FUNCTIONS), basis(Mesh(moved, order[posed.faces]), FUNCTIONS)
 
 
 def pairs_of(order, count, wrong=0):
@@ -71,7 +72,7 @@ def test_a_pose_with_its_vertices_in_another_order(body, shuffled, wrong):
 def test_a_mesh_of_fewer_vertices_than_functions():
     solid = trimesh.creation.box((1.0, 2.0, 3.0)).subdivide()
     mesh = Mesh(solid.vertices, solid.faces)
-    found = basis(mesh)
+    found = basis(mesh, FUNCTIONS)
     assert found.functions.shape == (len(mesh.vertices), len(mesh.vertices))
     everywhere = np.arange(len(mesh.vertices))
     np.testing.assert_array_equal(extend(found, found, np.stack([everywhere] * 2, axis=1)), everywhere)
@@ -81,6 +82,43 @@ def test_a_mesh_of_fewer_vertices_than_functions():
 def test_pairs_that_say_nothing(shuffled, pairs):
     with pytest.raises(ParameterError):
         extend(shuffled[1], shuffled[2], pairs)
+
+
+def test_mean_curvature_of_a_sphere():
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=7.0)
+    found = basis(Mesh(ball.vertices, ball.faces[:, ::-1]), FUNCTIONS)
+    # At unit area -2 over the radius, whichever way the faces are turned; the mesh is a polyhedron.
+    np.testing.assert_allclose(found.curvature, -2.0 * np.sqrt(4.0 * np.pi), rtol=0.02)
+
+
+def test_mean_curvature_of_a_torus():
+    whole, tube = 1.0, 0.4
+    ring = trimesh.creation.torus(whole, tube, major_sections=64, minor_sections=32)
+    found = basis(Mesh(ring.vertices, ring.faces), FUNCTIONS)
+    along = np.hypot(*ring.vertices[:, :2].T)
+    expected = -(1.0 / tube + (along - whole) / (tube * along)) * np.sqrt(4.0 * np.pi**2 * whole * tube)
+    np.testing.assert_allclose(found.curvature, expected, atol=0.05 * np.ptp(expected))
+
+
+def test_faces_that_are_turned_every_way_have_no_curvature(body):
+    faces = body.rest.faces.copy()
+    faces[::2] = faces[::2, ::-1]
+    found = basis(Mesh(body.rest.vertices, faces), 20)
+    assert found.curvature is None
+    assert found.orientation is None
+
+
+def test_another_person_is_not_turned_about():
+    """The map that is turned about the long axis preserves lengths and orientation as well."""
+    pipeline = Pipeline()
+    bodies = [make_body("person", number, vertices=1500) for number in (0, 3)]
+    first, second = (
+        PreparedMesh.of(body.posed(number), pipeline) for body, number in zip(bodies, (0, 3), strict=True)
+    )
+    distances = surface_distances(bodies[1])
+    found = dense_map(first, second, pipeline)
+    truth = individual_partners(*bodies)[0]
+    assert distances[found, truth].mean() < 0.05
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e12, 1e-12])
