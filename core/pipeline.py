@@ -8,14 +8,10 @@ from cachetools import LRUCache
 
 from core import sparse_embedding
 from core.arrays import Floats, Int8s, Ints
-from core.dense.dense_correspondence import (
-    MOST_VERTICES,
-    SIMPLIFIED,
-    WorkingSurface,
-    correspond,
-    working_surface,
-)
+from core.dense.dense_correspondence import SurfaceMap, surface_map
 from core.dense.functional_maps import FINE
+from core.dense.transfer import check_on_surface
+from core.dense.working_surface import MOST_VERTICES, SIMPLIFIED, WorkingSurface, working_surface
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import IncompatibleEmbeddingsError
 from core.matching.match_records import embedding_key
@@ -150,6 +146,22 @@ class Pipeline:
     ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Compute the dense correspondence from the first mesh to the second, and back.
 
+        Parameters and errors are those of `surface_map`.
+        """
+        return self.surface_map(first, second, embeddings, transform, functions=functions).correspondences()
+
+    def surface_map(
+        self,
+        first: Mesh,
+        second: Mesh,
+        embeddings: tuple[Embedding, Embedding] | None = None,
+        transform: Similarity | None = None,
+        *,
+        functions: int = FINE,
+        landmarks: tuple[Floats, Floats] | None = None,
+    ) -> SurfaceMap:
+        """Compute the correspondence of two meshes, by which points, curves and values are transferred.
+
         Parameters
         ----------
         first, second : Mesh
@@ -162,9 +174,13 @@ class Pipeline:
         functions : int
             Eigenfunctions of the functional map: `FINE`, or `core.dense.functional_maps.FUNCTIONS` in a third
             of the time.
+        landmarks : two float64, shape (l, 3), or None
+            Points of both meshes that correspond.
 
         Raises
         ------
+        OffSurfaceError
+            A landmark is far from its mesh.
         DegenerateMeshError
             A mesh has no area, or too few vertices for the dimensions.
         CannotBeEmbeddedError
@@ -179,7 +195,10 @@ class Pipeline:
                 self._working_surface(first, embeddings[0]),
                 self._working_surface(second, embeddings[1]),
             )
-            return correspond(surfaces, pairs, mirrored, transform, functions)
+            if landmarks is not None:
+                for surface, points, which in zip(surfaces, landmarks, ("first", "second"), strict=True):
+                    check_on_surface(surface, points, "landmark", which)
+            return surface_map(surfaces, pairs, mirrored, transform, functions, landmarks)
 
     def _working_surface(self, mesh: Mesh, embedding: Embedding) -> WorkingSurface:
         """Return the surface of a mesh on which a dense correspondence is computed."""

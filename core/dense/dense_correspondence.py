@@ -15,14 +15,13 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.functional_maps import FINE, Basis, basis, functional_map, nearest_both_ways
+from core.dense.functional_maps import FINE, basis, functional_map, nearest_both_ways
+from core.dense.working_surface import WorkingSurface
 from core.embedding import DenseCorrespondence
 from core.mesh.box_tree import triangle_tree
 from core.mesh.cleaning import vertex_areas
 from core.mesh.mesh import Mesh
-from core.mesh.normal_frame import NormalFrame
-from core.mesh.simplification import simplify
-from core.registration.similarity import NEAR, Similarity, near_rigid, to_unit_area
+from core.registration.similarity import NEAR, Similarity, near_rigid
 from core.sampling.surface_samples import SurfaceSamples, surface_samples
 
 ASTRAY = 0.1
@@ -31,82 +30,11 @@ ASTRAY = 0.1
 ASTRAY_RIGID = 0.03
 """The same between surfaces that are rigid copies in large part, of places that do not coincide."""
 
-MOST_VERTICES, SIMPLIFIED = 6000, 5000
-"""A surface with more than `MOST_VERTICES` vertices is simplified to about `SIMPLIFIED`: time and memory of a
-correspondence grow with the product of the two numbers of vertices."""
+LEAST_FOR_A_TURN = 3
+"""Landmarks that determine a rotation."""
 
 _LEAST = 1e-3
 """Smallest ratio of lengths: below it a neighbourhood is mapped to a point."""
-
-
-@dataclass(frozen=True, eq=False)
-class WorkingSurface:
-    """A surface of w vertices that stands for a mesh of n vertices.
-
-    Attributes
-    ----------
-    mesh : Mesh
-        The surface, clean, in its normal frame.
-    frame : NormalFrame
-        From the given mesh to the surface.
-    nearest : int64, shape (n,)
-        The vertex of the surface nearest to each vertex of the given mesh.
-    given : int64, shape (w,)
-        The vertex of the given mesh nearest to each vertex of the surface; it has a face.
-    samples : int64, shape (m,)
-        The vertex of the surface nearest to each sample of the embedding.
-    simplified : bool
-    """
-
-    mesh: Mesh
-    frame: NormalFrame
-    nearest: Ints
-    given: Ints
-    samples: Ints
-    simplified: bool
-
-    @property
-    def unit(self) -> float:
-        """Length 1 of the surface in units of the given mesh, > 0."""
-        return self.frame.scale
-
-    def to_unit_area(self, samples: SurfaceSamples) -> Similarity:
-        """Return the transform from the given mesh to unit area; the samples are those of the surface."""
-        turn, centre, scale = self.frame.axes, self.frame.centre, self.frame.scale
-        return Similarity(1.0 / scale, turn, -turn @ centre / scale).then(to_unit_area(samples))
-
-
-def working_surface(given: Mesh, surface: Mesh, frame: NormalFrame, samples: Floats) -> WorkingSurface:
-    """Return the working surface of a mesh.
-
-    Parameters
-    ----------
-    given : Mesh
-        As it was read, with n vertices.
-    surface : Mesh
-        The same, clean, in its normal frame, its holes filled, refined, perhaps simplified.
-    frame : NormalFrame
-        From the given mesh to the surface.
-    samples : float, shape (m, 3)
-        Positions of the samples of the embedding, in the frame of the given mesh.
-    """
-    simplified = len(surface.vertices) < len(given.vertices) and len(given.vertices) > MOST_VERTICES
-    if len(surface.vertices) > MOST_VERTICES:
-        surface, simplified = simplify(surface, SIMPLIFIED), True
-    placed = frame.apply(given.vertices)
-    used = np.zeros(len(placed), dtype=bool)
-    used[given.faces.ravel()] = True
-    used_vertices = np.flatnonzero(used)
-    tree = cKDTree(surface.vertices)
-    back = cKDTree(placed[used_vertices]).query(surface.vertices)[1]
-    return WorkingSurface(
-        mesh=surface,
-        frame=frame,
-        nearest=np.asarray(tree.query(placed)[1], dtype=np.int64),
-        given=used_vertices[back],
-        samples=np.asarray(tree.query(frame.apply(samples))[1], dtype=np.int64),
-        simplified=simplified,
-    )
 
 
 class _VertexMap(NamedTuple):
@@ -134,7 +62,7 @@ class _Registered(NamedTuple):
     length: float
 
 
-class _Partners(NamedTuple):
+class Partners(NamedTuple):
     """The partners of w vertices on the other working surface, as in `core.embedding.DenseCorrespondence`."""
 
     vertices: Ints
@@ -143,14 +71,47 @@ class _Partners(NamedTuple):
     displacement: Floats | None
 
 
-def correspond(
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """The correspondence of two working surfaces, of n and m vertices.
+
+    Attributes
+    ----------
+    surfaces : two WorkingSurface
+    rows : two float64, shapes (n, k) and (m, k)
+        The functions of both in the common spectral domain: near each other where the surfaces correspond.
+    motion : Similarity or None
+        Of the first given mesh onto the second, if the two are rigid copies in large part.
+    partners : two
+        The partners of the vertices of both.
+    scale : float
+        Length on the second given mesh over length on the first, > 0.
+    """
+
+    surfaces: tuple[WorkingSurface, WorkingSurface]
+    rows: tuple[Floats, Floats]
+    motion: Similarity | None
+    partners: tuple[Partners, Partners]
+    scale: float
+
+    def correspondences(self) -> tuple[DenseCorrespondence, DenseCorrespondence]:
+        """Return the correspondence of the given meshes, from the first to the second and back."""
+        (first, second), (forward, backward) = self.surfaces, self.partners
+        return (
+            _on_given(forward, first, second, self.scale),
+            _on_given(backward, second, first, 1.0 / self.scale),
+        )
+
+
+def surface_map(
     surfaces: tuple[WorkingSurface, WorkingSurface],
     pairs: Sequence[Ints],
     mirrored: bool | None,
     transform: Similarity | None = None,
     functions: int = FINE,
-) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-    """Compute the correspondence from the first surface to the second, and from the second to the first.
+    landmarks: tuple[Floats, Floats] | None = None,
+) -> SurfaceMap:
+    """Compute the correspondence of two surfaces.
 
     Parameters
     ----------
@@ -163,34 +124,54 @@ def correspond(
         Of the first given mesh onto the second, if it is known.
     functions : int
         Eigenfunctions of the functional map: `FINE`, or `FUNCTIONS` in a third of the time.
+    landmarks : two float64, shape (l, 3), or None
+        Points of both given meshes that correspond. A motion is kept only if it agrees with them.
     """
     first, second = surfaces
     samples = surface_samples(first.mesh), surface_samples(second.mesh)
     same_units = first.unit * samples[0].unit / (second.unit * samples[1].unit)
-    if transform is None:
+    known = _vertices(surfaces, pairs[0])
+    held = None
+    if landmarks is not None:
+        held = np.stack(
+            [surface.nearest_vertices(at) for surface, at in zip(surfaces, landmarks, strict=True)], axis=1
+        )
+        if len(held) >= LEAST_FOR_A_TURN:
+            known = held
+    units = [surface.to_unit_area(of_one) for surface, of_one in zip(surfaces, samples, strict=True)]
+
+    def agrees(motion: Similarity) -> bool:
+        """Tell whether a motion at unit area brings landmarks together."""
+        if landmarks is None:
+            return True
+        ours, theirs = (unit.apply(points) for unit, points in zip(units, landmarks, strict=True))
+        return float(np.linalg.norm(motion.apply(ours) - theirs, axis=1).mean()) <= ASTRAY
+
+    motion = None if transform is None else units[0].inverse.then(transform).then(units[1])
+    if motion is None or not agrees(motion):
         # Look for a similarity that brings large parts of the surfaces together.
-        known = _vertices(surfaces, pairs[0])
         ends = first.mesh.vertices[known[:, 0]], second.mesh.vertices[known[:, 1]]
-        motion = near_rigid(*samples, ends, same_units)
-    else:
-        units = [surface.to_unit_area(of_one) for surface, of_one in zip(surfaces, samples, strict=True)]
-        motion = units[0].inverse.then(transform).then(units[1])
+        motion = near_rigid(*samples, ends, same_units, sure=known is held)
+        motion = motion if motion is not None and agrees(motion) else None
 
     # Pair all vertices by functional maps.
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
-    maps = _vertex_maps(*bases, [_vertices(surfaces, some) for some in pairs], mirrored)
+    starts = [_vertices(surfaces, some) for some in pairs]
+    rotation = functional_map(*bases, starts, mirrored, held)
+    size = len(rotation)
+    rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
+    maps = _vertex_maps(*rows)
 
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])
         backward = _mapped_partners(second, samples[1].unit, maps[1])
-        scale = _scale(surfaces, (forward, backward))
-    else:
-        registered = _registered(first, second, samples, motion)
-        reversed_ = _registered(second, first, samples[::-1], motion.inverse)
-        forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
-        backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
-        scale = motion.scale / same_units
-    return _on_given(forward, first, second, scale), _on_given(backward, second, first, 1.0 / scale)
+        return SurfaceMap(surfaces, rows, None, (forward, backward), _scale(surfaces, (forward, backward)))
+    registered = _registered(first, second, samples, motion)
+    reversed_ = _registered(second, first, samples[::-1], motion.inverse)
+    forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
+    backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
+    whole = units[0].then(motion).then(units[1].inverse)
+    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units)
 
 
 def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> Ints:
@@ -198,35 +179,30 @@ def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> I
     return np.stack([surface.samples[pairs[:, side]] for side, surface in enumerate(surfaces)], axis=1)
 
 
-def _vertex_maps(
-    first: Basis, second: Basis, pairs: Sequence[Ints], mirrored: bool | None
-) -> tuple[_VertexMap, _VertexMap]:
-    """Return the maps by nearest neighbours in the spectral domain, there and back."""
-    rotation = functional_map(first, second, pairs, mirrored)
-    size = len(rotation)
-    rotated, functions = first.functions[:, :size] @ rotation, second.functions[:, :size]
+def _vertex_maps(rotated: Floats, functions: Floats) -> tuple[_VertexMap, _VertexMap]:
+    """Return the maps by nearest neighbours in the common spectral domain, there and back."""
     forward, backward = nearest_both_ways(rotated, functions)
     return (
-        _VertexMap(forward, _confidence(rotated, functions[forward]), backward),
-        _VertexMap(backward, _confidence(functions, rotated[backward]), forward),
+        _VertexMap(forward, spectral_confidence(rotated, functions[forward]), backward),
+        _VertexMap(backward, spectral_confidence(functions, rotated[backward]), forward),
     )
 
 
-def _confidence(rows: Floats, partners: Floats) -> Floats:
+def spectral_confidence(rows: Floats, partners: Floats) -> Floats:
     """Return 1 where two rows coincide, 0 where they are orthogonal or worse: half their distance squared."""
     lengths = np.einsum("ij,ij->i", rows, rows) + np.einsum("ij,ij->i", partners, partners)
     squares = ((rows - partners) ** 2).sum(axis=1)
     return np.asarray(np.clip(1.0 - squares / lengths, 0.0, 1.0))
 
 
-def _mapped_partners(surface: WorkingSurface, unit: float, map_: _VertexMap) -> _Partners:
+def _mapped_partners(surface: WorkingSurface, unit: float, map_: _VertexMap) -> Partners:
     """Return partners by the functional map alone."""
-    return _Partners(map_.forward, map_.confidence, _astray(surface, unit, map_) <= ASTRAY, None)
+    return Partners(map_.forward, map_.confidence, _astray(surface, unit, map_) <= ASTRAY, None)
 
 
 def _registered_partners(
     surface: WorkingSurface, unit: float, map_: _VertexMap, registered: _Registered, reversed_: _Registered
-) -> _Partners:
+) -> Partners:
     """Return partners by registration where the surfaces coincide, by the functional map elsewhere.
 
     Only a place of the other surface that coincides with none can be the partner of a place that does not.
@@ -235,7 +211,7 @@ def _registered_partners(
     elsewhere = ~reversed_.coincide[vertices] & (_astray(surface, unit, map_) <= ASTRAY_RIGID)
     far = np.linalg.norm(registered.moved - reversed_.points[vertices], axis=1)
     distances = np.where(elsewhere & ~registered.coincide, far, registered.gaps)
-    return _Partners(
+    return Partners(
         vertices=vertices,
         confidence=np.where(registered.coincide, 1.0 - 0.5 * registered.gaps / NEAR, map_.confidence),
         partnered=registered.coincide | elsewhere,
@@ -272,7 +248,7 @@ def _registered(
     )
 
 
-def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[_Partners, _Partners]) -> float:
+def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[Partners, Partners]) -> float:
     """Return the root of the ratio of the areas that have a partner; of the whole areas where none has."""
     wholes, parts = [], []
     for surface, own in zip(surfaces, partners, strict=True):
@@ -284,7 +260,7 @@ def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[_Par
 
 
 def _on_given(
-    partners: _Partners, surface: WorkingSurface, other: WorkingSurface, scale: float
+    partners: Partners, surface: WorkingSurface, other: WorkingSurface, scale: float
 ) -> DenseCorrespondence:
     """Return the correspondence brought from the working surfaces to the given meshes."""
     nearest, displacement = surface.nearest, partners.displacement

@@ -15,8 +15,11 @@ curvature tells front from back. The kept map may then grow further.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from core.arrays import Floats, Ints
 from core.dense.subspace_eigenpairs import approximate_laplace_beltrami
@@ -43,6 +46,12 @@ ISOMETRIC, COMMUTING = 100.0, 60
 
 PRESERVING, RIDGED = 20.0, 50.0
 """Weights of the agreement of orientation, and of the correlation of mean curvatures, beside them."""
+
+LEAST_TO_START, EACH, MOST_HELD = 3, 0.01, 0.5
+"""Landmarks that give a start of their own; the share of the area that each counts for, and all at most."""
+
+HOLDING, BIHARMONIC = 300.0, 30
+"""Weight of the distance of landmarks beside the residual, and the functions of biharmonic distances."""
 
 SEARCHED, REFINED = 600, 2000
 """Vertices of each surface that all maps are fitted to while they are small, and the later ones; the last map
@@ -80,6 +89,31 @@ class Basis:
     areas: Floats
     orientation: Floats | None
     curvature: Floats | None
+
+    @property
+    def biharmonic(self) -> Floats:
+        """Rows whose distances are the biharmonic ones (Lipman et al. 2010), shape (n, l)."""
+        low = slice(1, BIHARMONIC + 1)
+        return np.asarray(self.functions[:, low] / self.eigenvalues[low])
+
+
+class Held(NamedTuple):
+    """The functions at l landmarks of two surfaces, shapes (l, k): rows that a map brings together."""
+
+    first: Floats
+    second: Floats
+
+    def cross(self, size: int) -> Floats:
+        """Return what the landmarks add to the product that gives a map of some size."""
+        share = min(EACH, MOST_HELD / len(self.first))
+        return np.asarray(share * self.first[:, :size].T @ self.second[:, :size])
+
+    def gap(self, rotation: Floats, eigenvalues: Floats) -> float:
+        """Return the mean squared biharmonic distance of landmarks under a map, over that of two points."""
+        low = slice(1, BIHARMONIC + 1)
+        gaps = (self.first[:, : len(rotation)] @ rotation - self.second[:, : len(rotation)])[:, low]
+        weights = 1.0 / eigenvalues[low] ** 2
+        return float((gaps**2 @ weights).mean() / (2.0 * weights.sum()))
 
 
 def basis(mesh: Mesh, count: int) -> Basis:
@@ -135,7 +169,11 @@ def extend(first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: 
 
 
 def functional_map(
-    first: Basis, second: Basis, pairs: Ints | Sequence[Ints], mirrored: bool | None = None
+    first: Basis,
+    second: Basis,
+    pairs: Ints | Sequence[Ints],
+    mirrored: bool | None = None,
+    landmarks: Ints | None = None,
 ) -> Floats:
     """Return the orthogonal map C between the functions of two surfaces, from a few pairs of vertices.
 
@@ -148,6 +186,9 @@ def functional_map(
         near the truth.
     mirrored : bool or None
         Whether the map reverses orientation, if that is known.
+    landmarks : int, shape (l, 2), or None
+        Vertices that correspond for sure: maps are fitted to them as well, and chosen by them. From
+        `LEAST_TO_START` on, they give one more start.
 
     Returns
     -------
@@ -160,41 +201,60 @@ def functional_map(
     ParameterError
         No pair, or of wrong shape.
     """
-    known = [pairs] if isinstance(pairs, np.ndarray) else pairs
+    known = [pairs] if isinstance(pairs, np.ndarray) else list(pairs)
     for start in known:
         if start.ndim != 2 or start.shape[1] != 2 or len(start) == 0:
             raise ParameterError(f"pairs must have shape (p, 2) with p at least 1, not {start.shape}")
     largest = min(first.functions.shape[1], second.functions.shape[1])
-    few_of_first, few_of_second = _some(first, SEARCHED), _some(second, SEARCHED)
+    few = _some(first, SEARCHED), _some(second, SEARCHED)
     some = _some(first, REFINED), _some(second, REFINED)
+    held = None
+    if landmarks is not None and len(landmarks):
+        held = Held(first.functions[landmarks[:, 0]], second.functions[landmarks[:, 1]])
+        if len(landmarks) >= LEAST_TO_START:
+            known.append(_by_distances(first, second, landmarks))
     chosen: list[Floats] = []
     for start in known:
         # Grow a map from each first size, and keep the best of one start.
         sizes = [size for size in STARTS if size <= min(largest, len(start))] or [min(largest, STARTS[0])]
         grown = [
             _upsampled(
-                few_of_first,
-                few_of_second,
+                *few,
                 _orthogonal(first.functions[start[:, 0], :size].T @ second.functions[start[:, 1], :size]),
                 _sizes(size, min(EARLY, largest), STEP),
+                held,
             )
             for size in sizes
         ]
-        chosen.append(min(grown, key=lambda rotation: _cost(few_of_first, few_of_second, rotation, mirrored)))
+        chosen.append(min(grown, key=lambda rotation: _cost(*few, rotation, mirrored, held)))
     # Choose among the starts at full size, where mean curvature tells a turned map from the right one.
     whole = min(FUNCTIONS, largest)
     maps = [
-        _upsampled(*some, rotation, _sizes(len(rotation), whole, LATE_STEP) or [whole]) for rotation in chosen
+        _upsampled(*some, rotation, _sizes(len(rotation), whole, LATE_STEP) or [whole], held)
+        for rotation in chosen
     ]
-    best = maps[0] if len(maps) == 1 else min(maps, key=lambda rotation: _cost(*some, rotation, mirrored))
+    best = (
+        maps[0] if len(maps) == 1 else min(maps, key=lambda rotation: _cost(*some, rotation, mirrored, held))
+    )
     if whole == largest:
         return best
     finer = _some(first, FINELY_REFINED), _some(second, FINELY_REFINED)
-    return _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP))
+    return _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held)
 
 
-def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) -> float:
-    """Return how badly a map brings functions together and keeps Laplacian, curvature and orientation."""
+def _by_distances(first: Basis, second: Basis, landmarks: Ints) -> Ints:
+    """Return pairs of vertices that have alike biharmonic distances from the landmarks, shape (p, 2)."""
+    count = len(first.areas)
+    here = np.random.default_rng(count).permutation(count)[:SEARCHED]
+    near = []
+    for side, ends in zip((first, second), landmarks.T, strict=True):
+        rows = side.biharmonic
+        near.append(cdist(rows, rows[ends]))
+    return np.stack([here, cKDTree(near[1]).query(near[0][here])[1]], axis=1)
+
+
+def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None, held: Held | None) -> float:
+    """Return how badly a map fits functions, landmarks, Laplacian, curvature and orientation."""
     size = len(rotation)
     rotated, targets = first.functions[:, :size] @ rotation, second.functions[:, :size]
     forward, backward = nearest_both_ways(rotated, targets)
@@ -206,6 +266,8 @@ def _cost(first: Basis, second: Basis, rotation: Floats, mirrored: bool | None) 
     ours, theirs = first.eigenvalues[:low], second.eigenvalues[:low]
     commutator = np.linalg.norm((ours[:, None] - theirs) * paired) / np.linalg.norm(ours)
     cost = float(residual + ISOMETRIC * commutator)
+    if held is not None:
+        cost += HOLDING * held.gap(rotation, theirs)
     if first.curvature is not None and second.curvature is not None:
         cost -= RIDGED * _correlation(first.curvature, second.curvature[forward], first.areas)
     if mirrored is None or first.orientation is None or second.orientation is None:
@@ -252,8 +314,10 @@ def _sizes(size: int, largest: int, step: int) -> list[int]:
     return [min(grown, largest) for grown in range(size + step, largest + step, step)]
 
 
-def _upsampled(first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int]) -> Floats:
-    """Return the map grown to each of several sizes in turn."""
+def _upsampled(
+    first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int], held: Held | None = None
+) -> Floats:
+    """Return the map grown to each of several sizes in turn, fitted to landmarks as well."""
     for size in sizes:
         known = len(rotation)
         forward, backward = nearest_both_ways(
@@ -261,7 +325,8 @@ def _upsampled(first: Basis, second: Basis, rotation: Floats, sizes: Sequence[in
         )
         ours, theirs = first.functions[:, :size], second.functions[:, :size]
         ahead = (first.areas[:, None] * ours).T @ theirs[forward]
-        rotation = _orthogonal(ahead + ours[backward].T @ (second.areas[:, None] * theirs))
+        cross = ahead + ours[backward].T @ (second.areas[:, None] * theirs)
+        rotation = _orthogonal(cross if held is None else cross + held.cross(size))
     return rotation
 
 

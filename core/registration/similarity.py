@@ -139,7 +139,12 @@ def trimmed_similarity(source: Floats, target: Floats) -> tuple[Similarity, floa
 
 
 def near_rigid(
-    first: SurfaceSamples, second: SurfaceSamples, pairs: tuple[Floats, Floats], same_units: float
+    first: SurfaceSamples,
+    second: SurfaceSamples,
+    pairs: tuple[Floats, Floats],
+    same_units: float,
+    *,
+    sure: bool = False,
 ) -> Similarity | None:
     """Return the similarity transform of the first surface onto the second, both at unit area.
 
@@ -149,6 +154,8 @@ def near_rigid(
     pairs : two of float64, shape (m, 3)
         Corresponding points of both surfaces, in the units of the sampled meshes; some may be wrong. They
         give one initial rotation, the principal axes four more.
+    sure : bool
+        Whether the pairs are right; they alone then give the initial rotation.
     same_units : float
         Scale of the transform if both files have one unit. The other initial scale makes the areas equal:
         a part that is missing changes the area, another unit changes the lengths.
@@ -160,9 +167,10 @@ def near_rigid(
         `RESIDUAL` over the root of the area.
     """
     ends = first.to_unit(pairs[0]), second.to_unit(pairs[1])
-    rotations = [best_similarity(*ends, sign=1, scaled=False).rotation] + [
-        second.axes.T * signs @ first.axes for signs in product((1.0, -1.0), repeat=3) if np.prod(signs) > 0
-    ]
+    rotations = [best_similarity(*ends, sign=1, scaled=False).rotation]
+    if not sure:
+        signs = (np.array(each) for each in product((1.0, -1.0), repeat=3) if np.prod(each) > 0)
+        rotations += [second.axes.T * each @ first.axes for each in signs]
     scales = [1.0] if abs(same_units - 1.0) < RESIDUAL else [1.0, same_units]
     starts = [Similarity(scale, turn, np.zeros(3)) for scale in scales for turn in rotations]
     begun = [_coarse(first, second, start, FIRST_ROUNDS) for start in starts]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from core import Mesh, Pipeline
-from core.dense.dense_correspondence import MOST_VERTICES, stretch
+from core.dense.dense_correspondence import stretch
+from core.dense.working_surface import MOST_VERTICES
 from core.evaluation.correspondence_errors import surface_distances
 from core.gallery.bodies import make_body
 from core.registration.similarity import best_similarity
