@@ -27,6 +27,10 @@ SPACING, PIECES = 0.02, 4000
 """Length of the pieces into which curves are cut, over the root of the area, and about their number."""
 
 
+MEASURED = 64
+"""The most points whose distances from each other are measured."""
+
+
 class OffSurfaceError(ParameterError):
     """A given point is far from the surface: its kind, shape, index from 0, distance and the largest one."""
 
@@ -61,8 +65,8 @@ def check_on_surface(surface: WorkingSurface, points: Floats, what: str, shape: 
     """Raise OffSurfaceError for the first of p points, shape (p, 3), that is far from a surface."""
     far = np.linalg.norm(surface.points(surface.places(points)) - points, axis=1)
     most = OFF_SURFACE * surface.root_of_area
-    if (far > most).any():
-        index = int(np.argmax(far > most))
+    if not (far <= most).all():
+        index = int(np.argmin(far <= most))
         raise OffSurfaceError(what, shape, index, float(far[index]), most)
 
 
@@ -144,6 +148,8 @@ def transferred_curves(map_: SurfaceMap, curves: Sequence[Floats]) -> list[tuple
     A curve, shape (q, 3) with q >= 2, is a polyline near the first mesh. It is cut into pieces of about
     `SPACING`, and their ends are brought to the surface.
     """
+    if not curves:
+        return []
     first = map_.surfaces[0]
     lengths = [np.linalg.norm(np.diff(curve, axis=0), axis=1) for curve in curves]
     spacing = max(SPACING * first.root_of_area, sum(float(each.sum()) for each in lengths) / PIECES)
@@ -187,3 +193,72 @@ def distances_between(surface: WorkingSurface, points: Floats) -> tuple[Floats, 
     along = paths.min(axis=(1, 3))
     same = places.faces[:, None] == places.faces
     return straight, np.where(same, straight, np.maximum(along, straight))
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """What is to be transferred from the first mesh, of n vertices, to the second.
+
+    Attributes
+    ----------
+    points : float64, shape (p, 3)
+        On or near the mesh, in its frame.
+    curves : tuple of float64, shape (q, 3), q >= 2
+        Polylines on or near the mesh.
+    values : float64, shape (n,), or None
+        A scalar for each vertex.
+    """
+
+    points: Floats
+    curves: tuple[Floats, ...]
+    values: Floats | None
+
+
+@dataclass(frozen=True, eq=False)
+class Transferred:
+    """What has been transferred to the second mesh, of m vertices.
+
+    Attributes
+    ----------
+    points : TransferredPoints
+    curves : list of two float64, shape (r, 3)
+        Each curve on the first and on the second mesh.
+    values : float64, shape (m,), or None
+        The value of the corresponding vertex; NaN at vertices without a partner.
+    distances : two of two float64, shape (p, p), or None
+        Straight distances and distances on the surface, of the points on the first and on the second mesh.
+        None unless there are 2 to `MEASURED` points.
+    gaps : float64, shape (l,)
+        Distances of the images of landmarks from their partners, in units of the second mesh.
+    """
+
+    points: TransferredPoints
+    curves: list[tuple[Floats, Floats]]
+    values: Floats | None
+    distances: tuple[tuple[Floats, Floats], tuple[Floats, Floats]] | None
+    gaps: Floats
+
+
+def transfer(map_: SurfaceMap, wanted: Wanted, landmarks: tuple[Floats, Floats] | None = None) -> Transferred:
+    """Transfer points, curves and values, and measure how well the map agrees with landmarks.
+
+    Raise OffSurfaceError for a point that is far from the first mesh.
+    """
+    first, second = map_.surfaces
+    check_on_surface(first, wanted.points, "point", "first")
+    for number, curve in enumerate(wanted.curves):
+        check_on_surface(first, curve, f"curve {number}, point", "first")
+    points = transferred_points(map_, wanted.points)
+    distances = None
+    if 2 <= len(wanted.points) <= MEASURED:
+        ours = first.on_original(wanted.points)
+        distances = distances_between(first, ours), distances_between(second, points.points)
+    values = None
+    if wanted.values is not None:
+        back = map_.correspondences()[1]
+        values = np.where(back.partnered, wanted.values[back.vertices], np.nan)
+    gaps = np.empty(0)
+    if landmarks is not None:
+        gaps = np.linalg.norm(transferred_points(map_, landmarks[0]).points - landmarks[1], axis=1)
+    curves = transferred_curves(map_, wanted.curves)
+    return Transferred(points, curves, values, distances, gaps)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from service.cli.landmarks import read_landmarks, transferred_csv
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import calls
 from service.client.calls import Compared
@@ -31,17 +32,29 @@ def compare_command(
         Literal["correspondence", "difference"],
         typer.Option(help="Colours of the picture: corresponding places alike, or where the two differ."),
     ] = "correspondence",
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="Points of A by name,x,y,z: print their places on B as CSV. Rows that have x2,y2,z2 too "
+            "must correspond.",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer of the service as JSON.")] = False,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
 ) -> None:
-    """Compare two shapes, vertex by vertex with --out."""
+    """Compare two shapes, vertex by vertex with --out, landmark by landmark with --landmarks."""
     if picture and out is None:
         fail("--picture writes beside the arrays: give --out FILE.npz", status=2)
     pair = _shape(first), _shape(second)
+    marks = None if landmarks is None else read_landmarks(landmarks)
     with service_at(url, key, collection, new=True) as client:
-        answer = client.compare(*pair)
+        if marks is None:
+            answer = client.compare(*pair)
+        else:
+            answer = client.compare(*pair, points=marks.points, landmarks=marks.pairs)
         if out is not None:
             out.write_bytes(client.send(calls.dense_file(*pair, "npz")))
             say(f"wrote {out}")
@@ -51,6 +64,9 @@ def compare_command(
                 say(f"wrote {drawn}")
     if as_json:
         typer.echo(json.dumps(answer.model_dump(mode="json", exclude_none=True)))
+    elif marks is not None and answer.transferred is not None:
+        typer.echo(transferred_csv(marks.names, answer.transferred), nl=False)
+        say(_line(answer))
     else:
         output().print(_line(answer))
 

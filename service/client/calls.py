@@ -47,6 +47,9 @@ T = TypeVar("T")
 Compared = str | Path | tuple[str, bytes]
 """A shape to compare: the id of a stored shape, or a file as its path or as its name and bytes."""
 
+Position = Sequence[float]
+"""Three coordinates, in the frame of the file."""
+
 
 class Filters(TypedDict, total=False):
     """The filters of shapes: all of these tags, a text in the name, metadata, a format, and ranges of sizes.
@@ -230,12 +233,32 @@ def query_shape(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: AN
     return Call("POST", "/query", parsed(QueryAnswer), json={"shape_id": shape_id, **_checked(options)})
 
 
-def compare(first: Compared, second: Compared, *, dense: bool = False) -> Call[CompareAnswer]:
+def compare(
+    first: Compared,
+    second: Compared,
+    *,
+    dense: bool = False,
+    landmarks: Sequence[tuple[Position, Position]] = (),
+    points: Sequence[Position] = (),
+    curves: Sequence[Sequence[Position]] = (),
+    values: Sequence[float] | None = None,
+) -> Call[CompareAnswer]:
     """Compare two shapes point by point, with `dense` vertex by vertex.
 
-    A text is the id of a stored shape; a `Path`, or a name with bytes, is a file.
+    A text is the id of a stored shape; a `Path`, or a name with bytes, is a file. Points, curves and values
+    at the vertices are transferred from the first shape to the second. Landmarks are points of both that
+    must correspond.
     """
-    return _compared(first, second, parsed(CompareAnswer), {"dense": True} if dense else {}, {})
+    options: dict[str, Any] = {"dense": True} if dense else {}
+    if landmarks:
+        options["landmarks"] = [{"first": list(ours), "second": list(theirs)} for ours, theirs in landmarks]
+    if points or curves or values is not None:
+        wanted: dict[str, Any] = {
+            "points": [list(point) for point in points],
+            "curves": [[list(point) for point in curve] for curve in curves],
+        }
+        options["transfer"] = wanted | given(values=values)
+    return _compared(first, second, parsed(CompareAnswer), options, {})
 
 
 def dense_file(
@@ -253,7 +276,7 @@ def _compared(
     first: Compared,
     second: Compared,
     read: Callable[[httpx.Response], T],
-    options: dict[str, bool],
+    options: dict[str, Any],
     params: dict[str, str],
 ) -> Call[T]:
     """Send JSON with two ids, or a form if one of the shapes is a file."""
@@ -262,7 +285,8 @@ def _compared(
     ids = {name: shape for name, shape in shapes.items() if isinstance(shape, str)}
     if not files:
         return Call("POST", "/compare", read, params=params, json={**ids, **options})
-    return Call("POST", "/compare", read, params=params, data={**ids, **options}, files=files)
+    written = {name: json.dumps(option) for name, option in options.items()}
+    return Call("POST", "/compare", read, params=params, data={**ids, **written}, files=files)
 
 
 def duplicates(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes, Floats
+from core.dense.transfer import Transferred, Wanted, transfer
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.partial import describe_part
 from core.descriptors.views import signature_distance, view_signature
@@ -205,14 +206,22 @@ def dense_correspondence(
     parameters: Parameters,
     placing: Similarity | None,
     functions: int,
-) -> tuple[DenseCorrespondence, DenseCorrespondence]:
-    """Find the dense correspondence both ways; see `core.pipeline.Pipeline.correspond_both`.
+    landmarks: tuple[Floats, Floats] | None = None,
+    wanted: Wanted | None = None,
+) -> tuple[tuple[DenseCorrespondence, DenseCorrespondence], Transferred | None]:
+    """Find the dense correspondence both ways, and transfer what is wanted by it.
 
-    `placing` maps the second mesh onto the first, if it is registered.
+    See `core.pipeline.Pipeline.surface_map` and `core.dense.transfer`. `placing` maps the second mesh onto
+    the first, if it is registered.
     """
     embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
     transform = placing and placing.inverse
-    return Pipeline(parameters).correspond_both(first, second, embeddings, transform, functions=functions)
+    map_ = Pipeline(parameters).surface_map(
+        first, second, embeddings, transform, functions=functions, landmarks=landmarks
+    )
+    with guarded():
+        found = None if wanted is None else transfer(map_, wanted, landmarks)
+        return map_.correspondences(), found
 
 
 def correspondence_archive(way: DenseCorrespondence) -> bytes:

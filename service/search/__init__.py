@@ -13,4 +13,6 @@ __all__ = [
     "repository",
     "schemas",
     "scoring",
+    "transfer_schemas",
+    "transfers",
 ]

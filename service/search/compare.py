@@ -1,6 +1,8 @@
 """The address /compare: two shapes, stored or sent, point by point or vertex by vertex."""
 
 import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -10,7 +12,9 @@ from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from core.arrays import Floats
 from core.dense.functional_maps import FINE, FUNCTIONS
+from core.dense.transfer import OffSurfaceError
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding, Match, Scores
 from core.io import format_of
@@ -40,6 +44,13 @@ from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
 from service.search.schemas import pairs
+from service.search.transfer_schemas import (
+    TRANSFER,
+    FormLandmarks,
+    FormTransfer,
+    Transfer,
+)
+from service.search.transfers import answer_of, landmarks_of, wanted_of
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
@@ -68,6 +79,8 @@ class CompareForm(BaseModel):
     first: IdOrFile
     second: IdOrFile
     dense: bool | None = Field(default=None, description=DENSE)
+    landmarks: FormLandmarks | None = None
+    transfer: FormTransfer | None = Field(default=None, description=TRANSFER)
 
 
 class CompareParameters(NamedInAddress):
@@ -135,15 +148,15 @@ async def compare(
     """Compare two shapes, stored or sent: their scores and their corresponding points.
 
     With `dense`, also the vertex of the second shape that corresponds to each vertex of the first, and where
-    the two shapes differ. A shape is given by its id, or, in a form, by a file in the place of the id.
+    the two shapes differ. `landmarks` steer the correspondence, and `transfer` has points, curves and values
+    that it carries from the first shape to the second. A shape is given by its id, or, in a form, by a file
+    in the place of the id.
     """
     dense = _dense_option(body, options)
     if options.format == "html" and not (isinstance(body.first, str) and isinstance(body.second, str)):
         raise BadRequestFieldsError(FieldFault("format", "html shows stored shapes, given by their ids"))
     timings = Timings()
-    work = partial(
-        _compare, container, collection.number, body.first, body.second, options, timings, dense=dense
-    )
+    work = partial(_compare, container, collection.number, body, options, timings, dense=dense)
     async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("compare", timings.milliseconds)
@@ -155,8 +168,7 @@ async def compare(
 async def _compare(
     container: Container,
     collection: CollectionNumber,
-    first_given: str | UploadFile,
-    second_given: str | UploadFile,
+    body: CompareForm | CompareRequest,
     options: CompareParameters,
     timings: Timings,
     active_pipeline: ActivePipeline,
@@ -170,7 +182,7 @@ async def _compare(
     """
     first, second = [
         await _compared_shape(container, collection, given, active_pipeline, timings)
-        for given in (first_given, second_given)
+        for given in (body.first, body.second)
     ]
     pipeline = active_pipeline.pipeline
     parameters = pipeline.parameters
@@ -193,6 +205,8 @@ async def _compare(
             probability=combined,
         )
 
+    landmarks = landmarks_of(body.landmarks)
+
     def in_json(**dense_fields: Any) -> CompareAnswer:  # noqa: ANN401
         return CompareAnswer(
             cc=match.cc,
@@ -206,15 +220,17 @@ async def _compare(
             **dense_fields,
         )
 
-    if not dense and options.format != "glb":
+    wants = body.transfer is not None or body.landmarks is not None
+    mapped = dense or wants
+    if not mapped and options.format != "glb":
         return in_json()
-    with timings.stage("dense" if dense else "draw"):
+    with timings.stage("dense" if mapped else "draw"):
         meshes = await asyncio.gather(first.mesh(), second.mesh())
     pair = [
         ShownMesh(shape.name, shape.format, mesh) for shape, mesh in zip((first, second), meshes, strict=True)
     ]
     do = container.queue.do
-    if not dense:
+    if not mapped:
         with timings.stage("draw"):
             points = [
                 shape.embedding.positions[samples].astype("float64")
@@ -224,14 +240,18 @@ async def _compare(
     matrix = relation["transform"]
     placing = None if matrix is None else similarity_of(np.array(matrix))
     if options.format in {"glb", "png"}:
-        drawn = await _painted(container, pair, records, parameters, placing, options, timings)
+        drawn = await _painted(container, pair, records, parameters, placing, landmarks, options, timings)
         return Response(drawn, media_type=PNG if options.format == "png" else MEDIA_TYPE)
-    with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing, FINE)
+    wanted = wanted_of(body.transfer or Transfer(), meshes[0]) if wants else None
+    with timings.stage("dense"), _points_at_fault():
+        given = *meshes, *records, parameters, placing, FINE, landmarks, wanted
+        ways, found = await do(tasks.dense_correspondence, *given)
     if options.format == "npz":
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     # The answer of a large mesh takes longer to write than the event loop may wait.
-    text = await run_in_threadpool(lambda: in_json(**dense_fields(ways)).model_dump_json())
+    transferred = None if found is None else answer_of(found)
+    fields = dense_fields(ways) if dense else {}
+    text = await run_in_threadpool(lambda: in_json(transferred=transferred, **fields).model_dump_json())
     return Response(text, media_type="application/json")
 
 
@@ -241,6 +261,7 @@ async def _painted(
     records: tuple[bytes, bytes],
     parameters: Parameters,
     placing: Similarity | None,
+    landmarks: tuple[Floats, Floats] | None,
     options: CompareParameters,
     timings: Timings,
 ) -> bytes:
@@ -260,8 +281,9 @@ async def _painted(
         if placing is not None:
             with timings.stage("draw"):
                 return await do(rendering.painted_distances, pair, placing, registered, FACES, size)
-    with timings.stage("dense"):
-        ways = await do(tasks.dense_correspondence, *meshes, *records, parameters, placing, FUNCTIONS)
+    with timings.stage("dense"), _points_at_fault():
+        given = *meshes, *records, parameters, placing, FUNCTIONS, landmarks
+        ways, _ = await do(tasks.dense_correspondence, *given)
     with timings.stage("draw"):
         return await do(rendering.painted, pair, ways, options.paint, FACES, size)
 
@@ -281,7 +303,21 @@ def _dense_option(body: CompareForm | CompareRequest, options: CompareParameters
         raise BadRequestFieldsError(FieldFault("paint", f"{options.paint} needs dense=true"))
     if options.format == "html" and dense:
         raise BadRequestFieldsError(FieldFault("format", "html has no dense correspondence"))
+    if body.transfer is not None and options.format != "json":
+        raise BadRequestFieldsError(FieldFault("transfer", "needs format=json"))
+    if body.landmarks is not None and options.format != "json" and not dense:
+        raise BadRequestFieldsError(FieldFault("landmarks", f"{options.format} needs dense=true with them"))
     return dense
+
+
+@contextmanager
+def _points_at_fault() -> Iterator[None]:
+    """Answer for a point that is far from its surface by the name of its field."""
+    try:
+        yield
+    except OffSurfaceError as error:
+        field = "landmarks" if error.what == "landmark" else "transfer"
+        raise BadRequestFieldsError(FieldFault(field, str(error))) from error
 
 
 async def _compared_shape(

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.search.schemas import PAIR, PIPELINE, Pair, PairScores
+from service.search.transfer_schemas import TRANSFER, Landmarks, Transfer, TransferAnswer
 from service.shapes.fields import clean_id
 from service.shapes.schemas import SHAPE
 
@@ -103,6 +104,8 @@ class CompareRequest(BaseModel):
         description="The id of another shape, or of the same one.", max_length=64
     )
     dense: bool | None = Field(default=None, description=DENSE)
+    landmarks: Landmarks | None = None
+    transfer: Transfer | None = Field(default=None, description=TRANSFER)
 
 
 class CompareAnswer(PairScores, DenseFields):
@@ -124,5 +127,8 @@ class CompareAnswer(PairScores, DenseFields):
     )
 
     correspondence: list[Pair]
+    transferred: TransferAnswer | None = Field(
+        default=None, description="With landmarks or transfer: what has been transferred."
+    )
     pipeline: str = Field(description="Fingerprint of the pipeline that made and compared the embeddings.")
     milliseconds: dict[str, float] = Field(description="The time of each stage, and the total.")

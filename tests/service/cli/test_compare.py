@@ -1,5 +1,6 @@
 """`isoshape compare`: files and ids, scores, arrays and a picture."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -75,3 +76,36 @@ def test_an_unknown_id_is_told(archive: Client, ball: Path, run: Run) -> None:
     done = run("compare", ball, "no-such-shape", "--url", archive.url)
     assert done.status == 1
     assert "no-such-shape" in done.stderr
+
+
+def test_landmarks_are_printed_as_csv(archive: Client, ball: Path, run: Run, tmp_path: Path) -> None:
+    points = read_mesh(small_file(1), "off").vertices[[3, 50, 90]]
+    marks = tmp_path / "marks.csv"
+    rows = [
+        f"{name},{x},{y},{z}" for name, (x, y, z) in zip(("nose", "=tail", '"a, b"'), points, strict=True)
+    ]
+    marks.write_text("\n".join(["name,x,y,z", *rows]))
+    done = run("compare", ball, ball, "--landmarks", marks, "--url", archive.url)
+    assert done.status == 0
+    head, *found = csv.reader(done.stdout.splitlines())
+    assert head == ["name", "x", "y", "z", "confidence"]
+    assert [row[0] for row in found] == ["nose", "'=tail", "a, b"]
+    np.testing.assert_allclose([[float(cell) for cell in row[1:4]] for row in found], points, atol=1e-6)
+    assert "Same part" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("name,x,y\na,1,2\n", "no column 'z'"),
+        ("name,x,y,z\na,1,2,\n", "line 2"),
+        ("name,x,y,z,x2,y2,z2\na,1,2,3,4,5,\n", "line 2"),
+        ("name,x,y,z\n", "no landmarks"),
+    ],
+)
+def test_a_file_that_has_no_landmarks(ball: Path, run: Run, tmp_path: Path, text: str, told: str) -> None:
+    marks = tmp_path / "marks.csv"
+    marks.write_text(text)
+    done = run("compare", ball, ball, "--landmarks", marks)
+    assert done.status == 2
+    assert told in done.stderr.replace("\n", " ")

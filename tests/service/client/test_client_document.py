@@ -70,7 +70,18 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
     ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
-    ("compare", ("id", "other"), {"dense": True}, "POST /compare"),
+    (
+        "compare",
+        ("id", "other"),
+        {
+            "dense": True,
+            "landmarks": [((0, 0, 0), (1, 1, 1))],
+            "points": [(0, 0, 1)],
+            "curves": [[(0, 0, 0), (0, 1, 1)]],
+            "values": [0.5],
+        },
+        "POST /compare",
+    ),
     (
         "duplicates",
         (),
