@@ -97,3 +97,42 @@ function opened(data) {
  * @param {number[]} point
  */
 export const placed = (model, point) => point.map((value, axis) => (value - model.middle[axis]) / model.half);
+
+/**
+ * Transform a point of the model to the coordinates of the file.
+ * @param {Model} model
+ * @param {number[]} point
+ */
+export const inFile = (model, point) => point.map((value, axis) => value * model.half + model.middle[axis]);
+
+/**
+ * The first point of a model on a ray, after Möller and Trumbore (1997); null if the ray meets no triangle.
+ * @param {Model} model
+ * @param {number[]} from
+ * @param {number[]} along The direction.
+ */
+export function firstOnRay({ positions, indices }, from, along) {
+  let nearest = Infinity;
+  for (let i = 0; i < indices.length; i += 3) {
+    const [a, b, c] = [0, 1, 2].map((k) => positions.subarray(3 * indices[i + k], 3 * indices[i + k] + 3));
+    const one = minus(b, a), two = minus(c, a), away = minus(from, a);
+    const normal = cross(along, two);
+    const determinant = dot(one, normal);
+    if (determinant === 0) continue;
+    const u = dot(away, normal) / determinant;
+    const turned = cross(away, one);
+    const v = dot(along, turned) / determinant;
+    const far = dot(two, turned) / determinant;
+    if (u >= 0 && v >= 0 && u + v <= 1 && far > 0 && far < nearest) nearest = far;
+  }
+  return nearest === Infinity ? null : from.map((value, axis) => value + nearest * along[axis]);
+}
+
+/** @typedef {number[] | Float32Array} Three */
+
+/** @param {Three} a @param {Three} b */
+const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+/** @param {Three} a @param {Three} b */
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+/** @param {Three} a @param {Three} b */
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

@@ -4,6 +4,7 @@ import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, Group, InstancedMesh, Matrix4,
   Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from "./vendor/three.js";
+import { firstOnRay } from "./glb.js";
 import { bringUp, keptAxis } from "./up.js";
 
 /** @import { Model } from "./glb.js" */
@@ -97,7 +98,8 @@ export class View {
     /** @type {InstancedMesh | null} */
     this.dots = null;
     this.marks = new Group();
-    this.group.add(this.marks);
+    this.pins = new Group();
+    this.group.add(this.marks, this.pins);
     /** @type {number[]} */
     this.marked = [];
   }
@@ -201,16 +203,26 @@ export class View {
   /** @param {number[]} numbers The points to mark. */
   mark(numbers) {
     this.marked = numbers;
-    this.marks.clear();
-    for (const number of numbers) {
+    this.balls(this.marks, numbers.map((number) => this.points[number]), 0xffd400);
+  }
+
+  /** @param {number[][]} points Landmarks to mark, in the coordinates of the model. */
+  pin(points) {
+    this.balls(this.pins, points.map(([x, y, z]) => new Vector3(x, y, z)), 0xe0417f);
+  }
+
+  /** @param {Group} group @param {Vector3[]} points @param {number} inner The colour within a black rim. */
+  balls(group, points, inner) {
+    group.clear();
+    for (const point of points) {
       const size = 2.6 * DOT_RADIUS * this.radius;
-      for (const [scale, colour] of [[1, 0x000000], [0.8, 0xffd400]]) {
-        // Visible through the surface, the yellow ball in front.
+      for (const [scale, colour] of [[1, 0x000000], [0.8, inner]]) {
+        // Visible through the surface, the bright ball in front.
         const material = new MeshBasicMaterial({ color: colour, depthTest: false, transparent: true });
         const ball = new Mesh(new SphereGeometry(size * scale, 14, 10), material);
         ball.renderOrder = scale < 1 ? 2 : 1;
-        ball.position.copy(this.points[number]);
-        this.marks.add(ball);
+        ball.position.copy(point);
+        group.add(ball);
       }
     }
     this.stage.changed();
@@ -234,6 +246,20 @@ export class View {
       if (distance <= PICK_DISTANCE && cost < nearest) [best, nearest] = [i, cost];
     }
     return best;
+  }
+
+  /**
+   * The point of the surface at a position on the canvas, in the coordinates of the model; null beside it.
+   * @param {number} x
+   * @param {number} y In CSS pixels from the top left corner.
+   */
+  surfaceAt(x, y) {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    this.stage.aim(this);
+    const turned = this.scene.quaternion.clone().invert(), own = this.group.matrix.clone().invert();
+    const [near, far] = [-1, 1].map((depth) => new Vector3((2 * x) / width - 1, 1 - (2 * y) / height, depth)
+      .unproject(this.stage.camera).applyQuaternion(turned).applyMatrix4(own));
+    return firstOnRay(this.model, near.toArray(), far.sub(near).toArray());
   }
 }
 

@@ -4,6 +4,7 @@ import { address, askWith, readShape } from "./api.js";
 import { card, details } from "./card.js";
 import { compare, storedEmbedding, storedGlb, theStage } from "./comparison.js";
 import { byId, showError } from "./dom.js";
+import { offerLandmarks } from "./landmarks.js";
 import { showShape } from "./shape_page.js";
 import { offerAxes } from "./up.js";
 import "./tags.js";
@@ -40,6 +41,7 @@ async function showTwo(one, other) {
   const [query, copy] = shown.sides.map(({ view }) => view);
   if (scores.transform) copy.place(query, scores.transform, scores.likeness === "mirrored");
   await shown.paint("correspondence");
+  offerLandmarks([query, copy], [one, other], [a.name, b.name]);
 }
 
 const id = location.pathname.split("/").at(-2) ?? "";
