@@ -1,5 +1,6 @@
 """The search for the most similar stored shapes: a query in, its answer out."""
 
+import asyncio
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ from core.ranking.likeness import SAME_SIZE, Likeness, may_be_pose
 from core.ranking.shortlist import least, spectral_distances
 from core.registration.rigid_copy import may_be_copy
 from service.collection import CollectionNumber
-from service.compute.request_queue import short_of_memory
+from service.compute.request_queue import short_of_memory, together
 from service.compute.tasks import match_embeddings
 from service.container import Container
 from service.errors import NotEmbeddedError
@@ -52,6 +53,9 @@ FACTORS = (*UNITS, *(1.0 / factor for factor in UNITS))
 CERTAIN, REGISTERED = 0.99, 8
 """Value of `combined` above which it orders no results, and the number of further results that are registered
 with the query, if they may be copies, to find the best of these."""
+
+AT_ONCE = 3
+"""Results of a query whose likeness is told at the same time."""
 
 Done = TypeVar("Done")
 
@@ -194,11 +198,15 @@ async def search(
             )
     warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
     with timings.stage("likeness"):
-        shown = [
-            await _likened(container, query, each)
-            for number, each in enumerate(best_results)
-            if number < options.top_k or (each.is_certain and each.may_be_copy)
-        ]
+        shown = await _all_likened(
+            container,
+            query,
+            [
+                each
+                for number, each in enumerate(best_results)
+                if number < options.top_k or (each.is_certain and each.may_be_copy)
+            ],
+        )
         if rank_by == "combined":
             shown.sort(key=_misfit)
         results = [
@@ -373,6 +381,17 @@ async def _likened(container: Container, query: Query, best: _BestResult) -> _Be
     return replace(best, result=best.result.model_copy(update={**relation, "size_ratio": size_ratio}))
 
 
+async def _all_likened(container: Container, query: Query, best: list[_BestResult]) -> list[_BestResult]:
+    """Return results with their likeness to the query, `AT_ONCE` at a time, in their order."""
+    turns = asyncio.Semaphore(AT_ONCE)
+
+    async def in_turn(each: _BestResult) -> _BestResult:
+        async with turns:
+            return await _likened(container, query, each)
+
+    return await together(in_turn(each) for each in best)
+
+
 ORDERS: tuple[RankBy, ...] = ("combined", "cc", "sim", "ssd")
 """All orders; of two with equally good first results, a warning names the former."""
 
@@ -401,9 +420,8 @@ async def _order_warnings(
     chosen = matched.only(np.array(unread, dtype=np.intp))
     with short_of_memory():
         others = await run_in_threadpool(_read_results, cascade, chosen, collection, {}, every_record=False)
-    told = dict(results)
-    for other in others:
-        told[other.number] = (await _likened(cascade.container, cascade.query, other)).result
+    likened = await _all_likened(cascade.container, cascade.query, others)
+    told = {**results, **{other.number: other.result for other in likened}}
     graded = [
         (grades.index(told[numbers[index]].likeness), order, told[numbers[index]])
         for order, index in firsts.items()

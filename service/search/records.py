@@ -1,5 +1,6 @@
 """A query, its candidates and their scores."""
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -51,12 +52,14 @@ def proportions_of(facts: Mapping[str, Any]) -> Proportions:
 
 
 def once(read: ReadMesh) -> ReadMesh:
-    """Return a function that reads a mesh at its first call and keeps it."""
+    """Return a function that reads a mesh at its first call and keeps it; other calls wait for that one."""
     meshes: list[Mesh] = []
+    reading = asyncio.Lock()
 
     async def kept() -> Mesh:
-        if not meshes:
-            meshes.append(await read())
+        async with reading:
+            if not meshes:
+                meshes.append(await read())
         return meshes[0]
 
     return kept

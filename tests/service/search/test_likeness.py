@@ -1,5 +1,6 @@
 """The likeness of results and of compared shapes, over HTTP."""
 
+import asyncio
 from typing import Any
 
 import httpx
@@ -13,8 +14,10 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
 from service.errors import WorkerLostError
+from service.search import answer as search_answer
 from service.search import likeness
-from service.search.answer import CERTAIN
+from service.search.answer import AT_ONCE, CERTAIN
+from service.search.records import once
 from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
 from tests.studies.machine_parts import Change, Drawing, part
@@ -58,6 +61,46 @@ def test_each_result_says_by_what_it_is_alike(found: dict[str, dict[str, Any]]) 
     assert {name: found[name]["likeness"] for name in TOLD} == TOLD
     for name in ("cup", "plane"):
         assert (found[name]["likeness"], found[name]["combined"] < SIMILAR) == ("weak", True)
+
+
+def test_results_are_registered_some_at_a_time(
+    stocked: Running, found: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    relation_of = search_answer.relation_of
+    now, most = 0, 0
+
+    async def counted(*surfaces: Any, **scores: float) -> dict[str, Any]:
+        nonlocal now, most
+        now += 1
+        most = max(most, now)
+        try:
+            await asyncio.sleep(0.01)
+            return await relation_of(*surfaces, **scores)
+        finally:
+            now -= 1
+
+    monkeypatch.setattr(search_answer, "relation_of", counted)
+    again = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+    assert most == AT_ONCE < len(STORED)
+    assert again == found
+    assert list(again) == list(found)
+
+
+def test_a_mesh_that_two_ask_for_at_a_time_is_read_once() -> None:
+    reads = 0
+
+    async def read() -> Mesh:
+        nonlocal reads
+        reads += 1
+        await asyncio.sleep(0.01)
+        return OCTOPUS
+
+    async def both() -> list[Mesh]:
+        kept = once(read)
+        return [*await asyncio.gather(kept(), kept()), await kept()]
+
+    assert all(mesh is OCTOPUS for mesh in asyncio.run(both()))
+    assert reads == 1
 
 
 def test_the_word_follows_the_number_however_dense_the_surroundings_are(stocked: Running) -> None:
