@@ -83,10 +83,11 @@ class WorkerSlot(threading.Thread):
     """A slot for one worker process at a time, and the thread that hands it tasks.
 
     `pid` is the process id of a warm process, else None; `task` is what the process has or is handed, else
-    None; `renewing` says whether a new process is about to replace one that has run its number of tasks.
+    None; `renewing` says whether a new process is about to replace one that has run its number of tasks. The
+    first process runs `phase` fewer tasks than others.
     """
 
-    def __init__(self, pool: "LocalPool") -> None:
+    def __init__(self, pool: "LocalPool", phase: int) -> None:
         super().__init__(daemon=True, name="isoshape-worker")
         self.pid: int | None = None
         self.task: Task | None = None
@@ -94,7 +95,8 @@ class WorkerSlot(threading.Thread):
         self._pool = pool
         each = pool.tasks_each
         self._last_alone = each and each - max(1, round(AHEAD * each))
-        self._tasks_done = 0
+        self._tasks_done, self._phase = 0, phase
+        self._has_turn = False
         self._process: WorkerProcess | None = None
         self._next: WorkerProcess | None = None
 
@@ -129,7 +131,8 @@ class WorkerSlot(threading.Thread):
     def _renew(self) -> None:
         """End a process that has run its number of tasks, or holds more memory than `MEMORY_BYTES`.
 
-        The next process starts before the current process has run all its tasks, so the slot is rarely empty.
+        The next process starts before the current process has run all its tasks, so the slot is rarely empty;
+        one slot of the pool at a time has a next process, which bounds the memory of all.
         """
         process = self._process
         if process is None:
@@ -137,8 +140,10 @@ class WorkerSlot(threading.Thread):
         if self._tasks_done == self._pool.tasks_each or process.resident_bytes() > MEMORY_BYTES:
             self.renewing = True
             self._empty()
-        elif self._next is None and self._tasks_done == self._last_alone:
-            self._start_next()
+        elif self._last_alone and self._tasks_done >= self._last_alone and self._next is None:
+            self._has_turn = self._pool.starting_ahead.acquire(blocking=False)
+            if self._has_turn:
+                self._start_next()
 
     def stop_working(self) -> None:
         """Kill the process with its running task."""
@@ -190,7 +195,9 @@ class WorkerSlot(threading.Thread):
             except Exception as error:
                 self._end_next(error)
             else:
-                self._process, self._next, self._tasks_done = self._next, None, 0
+                self._process, self._next = self._next, None
+                self._tasks_done, self._phase = self._phase, 0
+                self._end_turn()
                 self.pid = self._process.pid
         self.renewing = False
         return self._process is not None
@@ -211,6 +218,13 @@ class WorkerSlot(threading.Thread):
         if self._next is not None:
             self._next.end()
             self._next = None
+        self._end_turn()
+
+    def _end_turn(self) -> None:
+        """Let another slot start its next process ahead."""
+        if self._has_turn:
+            self._has_turn = False
+            self._pool.starting_ahead.release()
 
     def _empty(self) -> None:
         self.pid = None
@@ -277,6 +291,7 @@ class LocalPool(Executor):
         self.tasks: SimpleQueue[Task | None] = SimpleQueue()
         self.closing = threading.Event()
         self.abandoned = threading.Event()
+        self.starting_ahead = threading.Lock()
         self._submitting = threading.Lock()
         self._unfinished = 0
         self._workers, self._most = workers, workers + more
@@ -315,7 +330,8 @@ class LocalPool(Executor):
             return True
 
     def _add_slot(self) -> None:
-        slot = WorkerSlot(self)
+        # The slots are spread over the number of tasks after which each is renewed.
+        slot = WorkerSlot(self, len(self._slots) * (self.tasks_each or 0) // self._most)
         self._slots.append(slot)
         slot.start()
 

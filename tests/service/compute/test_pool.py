@@ -253,6 +253,45 @@ def test_a_process_that_is_started_ahead_has_no_more_time_than_another(tmp_path:
         wait_until(lambda: pool.pids() not in ([], [first]), seconds=5)
 
 
+def pid_at_meeting(mine: str, other: str) -> int:
+    """Wait for another task and return the process id: tasks that meet are in slots of their own."""
+    meet(mine, other)
+    return os.getpid()
+
+
+def pids_of_all(pool: LocalPool, slots: int, folder: Path) -> set[int]:
+    """Give each slot one task and return the process ids."""
+    folder.mkdir()
+    places = [str(folder / str(slot)) for slot in range(slots)]
+    tasks = [pool.submit(pid_at_meeting, places[slot - 1], places[slot]) for slot in range(slots)]
+    return {task.result(timeout=60) for task in tasks}
+
+
+def test_slots_that_work_alike_are_renewed_one_after_another(tmp_path: Path) -> None:
+    with LocalPool(2, seconds=60, warm=warm, tasks_each=4) as pool:
+        rounds = [pids_of_all(pool, 2, tmp_path / str(number)) for number in range(6)]
+    new = [len(pids.difference(*rounds[:number])) for number, pids in enumerate(rounds)]
+    assert new == [2, 0, 1, 0, 1, 0]
+
+
+def test_one_slot_at_a_time_has_a_process_that_is_started_ahead(tmp_path: Path) -> None:
+    others = children()
+    # Of three slots and two tasks each, two slots have the same phase.
+    with LocalPool(3, seconds=60, warm=warm, tasks_each=2) as pool:
+        first = pids_of_all(pool, 3, tmp_path / "first")
+        wait_until(lambda: len(pool.pids()) == 3 and set(pool.pids()) != first, seconds=60)
+        assert len(set(pool.pids()) & first) == 2
+        wait_until(lambda: len(children() - others) > 3, seconds=60)
+        # The turn is passed on: all slots go on, with a new process after two tasks.
+        later, most = [], 0
+        for number in range(4):
+            most = max(most, len(children() - others))
+            later.append(pids_of_all(pool, 3, tmp_path / str(number)))
+        assert most == 4
+        assert len(set().union(*later[2:]) & first) == 0
+    assert children() == others
+
+
 def test_a_pool_whose_workers_do_not_start_says_so_and_does_not_hang() -> None:
     pool = LocalPool(1, seconds=1, warm=fail_to_warm)
     with pytest.raises(WorkerLostError):
