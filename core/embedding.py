@@ -94,6 +94,8 @@ class Embedding:
         The vector for the shortlist, compared by Euclidean distance.
     spectra : tuple of Spectrum
         One or several spectral embeddings of the same d points.
+    pieces : float32, shape (k, 6)
+        The kinds of connected components: see `core.descriptors.pieces`.
     descriptors : dict
         An array for each descriptor, by name: see `core.descriptors.registry`.
     orientation : int8, shape (m, p)
@@ -111,6 +113,7 @@ class Embedding:
     regions: Int32s
     signature: Float32s
     spectra: tuple[Spectrum, ...]
+    pieces: Float32s
     descriptors: dict[str, NDArray[Any]]
     orientation: Int8s = field(default_factory=lambda: NO_ORIENTATION)
 

@@ -13,6 +13,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.pieces import WIDTH
 from core.descriptors.registry import DESCRIPTORS, ShapeDescriptors
 from core.embedding import NO_ORIENTATION, Embedding, Facts, Spectrum
 from core.errors import BadRecordError
@@ -26,6 +27,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[str | int | None, ...]]] = {
     "tree_edges": (np.int32, ("m - 1", 2)),
     "regions": (np.int32, ("d",)),
     "signature": (np.float32, (None,)),
+    "pieces": (np.float32, (None, WIDTH)),
 }
 """Type and shape of each array of an embedding: m samples, e edges, d points, None any length above 0."""
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.descriptors.facts import GLOBAL_WEIGHT, global_descriptors, measure
+from core.descriptors.pieces import pieces
 from core.descriptors.registry import DescribedSurface, compute_descriptors
 from core.embedding import Embedding
 from core.graph.bridges import component_bridges
@@ -75,6 +76,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         regions=sparse.regions[points].astype(np.int32),
         signature=signature.astype(np.float32),
         spectra=spectra,
+        pieces=pieces(cleaned.mesh, cleaned.labels),
         descriptors=descriptors,
         orientation=orientation,
     )

@@ -4,6 +4,7 @@ Two sampled surfaces in; the best similarity transform of one onto the other and
 """
 
 __all__ = [
+    "instances",
     "invariants",
     "probed_surface",
     "rigid_alignment",

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from core.arrays import Bytes, Floats
+from core.arrays import Bytes, Float32s, Floats
 from core.dense.transfer import Transferred, Wanted, transfer
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.partial import describe_part
@@ -36,6 +36,7 @@ from core.ranking.class_probability import combined_scores
 from core.ranking.likeness import BENT
 from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
 from core.ranking.shortlist import signature_distances
+from core.registration.instances import Instances, instances
 from core.registration.probed_surface import probed_surface
 from core.registration.rigid_alignment import rigid_alignment
 from core.registration.rigid_copy import RigidCopy, copy_by_surfaces
@@ -49,9 +50,10 @@ class Embedded:
     """A file's embedding, ready to be stored.
 
     `record` is the whole embedding, with its `signature`, shape (s,). `core.ranking.reranking` describes
-    `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,), and
-    `core.descriptors.facts` the `reliability`. `facts` are those of the embedding, the bounding
-    boxes and the warnings, by name, and `milliseconds` the wall times of the stages "read" and "embed".
+    `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,),
+    `core.descriptors.facts` the `reliability`, and `core.descriptors.pieces` the `pieces`. `facts` are those
+    of the embedding, the bounding boxes and the warnings, by name, and `milliseconds` the wall times of the
+    stages "read" and "embed".
     """
 
     record: bytes
@@ -60,6 +62,7 @@ class Embedded:
     quantised_points: bytes
     view_signature: Bytes
     reliability: float
+    pieces: Float32s
     facts: dict[str, Any]
     milliseconds: dict[str, float]
 
@@ -112,6 +115,7 @@ def ready_to_store(
         quantised_points=quantised_points(embedding),
         view_signature=view_signature(embedding.descriptors["views"]),
         reliability=intrinsic_reliability(embedding.facts),
+        pieces=embedding.pieces,
         facts={**asdict(embedding.facts), **boxes, "warnings": list(warnings)},
         milliseconds=milliseconds,
     )
@@ -174,6 +178,12 @@ def registered(
     with guarded():
         ends = _matched_points(first_record, second_record, parameters)
         return copy_by_surfaces(probed_surface(first), probed_surface(second), ends, variants=variants)
+
+
+def instances_in(part: Mesh, whole: Mesh) -> Instances:
+    """Count the pieces of a mesh that are copies of a part: `core.registration.instances.instances`."""
+    with guarded():
+        return instances(part, whole)
 
 
 def aligned(

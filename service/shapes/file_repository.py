@@ -5,6 +5,7 @@ from typing import Any
 
 from sqlalchemy import Row, ScalarSelect, select
 
+from core.descriptors.pieces import SIZE, number_of_pieces
 from core.errors import BadRecordError
 from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
@@ -19,6 +20,7 @@ from service.storage.tables import (
     BlobRow,
     CoarseSamplesRow,
     EmbeddingRow,
+    PieceRow,
     QuantisedPointsRow,
     ShapeRow,
     ThumbnailRow,
@@ -151,6 +153,10 @@ def add_embedding(
     session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
     points = {"data": embedded.quantised_points, "checksum": checksum_of(embedded.quantised_points)}
     session.insert(QuantisedPointsRow, {"embedding_number": number, **points})
+    count = number_of_pieces(embedded.pieces)
+    for place, lengths in enumerate(embedded.pieces):
+        row = {"place": place, "size": float(lengths[SIZE]), "pieces": count, "lengths": lengths}
+        session.insert(PieceRow, {"embedding_number": number, **row})
     if latest is None:
         ensure_hnsw(session, fingerprint)
 

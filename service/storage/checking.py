@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.pieces import SIZE, number_of_pieces
 from core.descriptors.views import view_signature
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
@@ -220,6 +221,11 @@ class _Check:
             faults.append("has a signature beside it that is not its own")
         if coarse_samples is not None and views != (own_views, intrinsic_reliability(embedding.facts)):
             faults.append("has views beside its coarse samples that are not its own")
+        count = number_of_pieces(embedding.pieces)
+        own_pieces = [(float(lengths[SIZE]), count, lengths.tobytes()) for lengths in embedding.pieces]
+        pieces = "SELECT size, pieces, lengths FROM pieces WHERE embedding_number = ? ORDER BY place"
+        if self._connection.execute(pieces, [number]).fetchall() != own_pieces:
+            faults.append("has pieces beside it that are not its own")
         if self._dimensions.setdefault(fingerprint, dimensions) != dimensions:
             faults.append(f"has other dimensions than the first of {fingerprint}")
         if not faults and not is_whole(record, checksum):

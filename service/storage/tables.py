@@ -188,6 +188,25 @@ class QuantisedPointsRow(Table):
     checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
+class PieceRow(Table):
+    """A kind of the pieces of an embedding's surface: a row of `core.descriptors.pieces`.
+
+    `size` is the square root of the area of one piece, `lengths` the whole row, and `pieces` the number of
+    pieces of all kinds.
+    """
+
+    __tablename__ = "pieces"
+    __table_args__ = (Index("pieces_by_size", "size"),)
+
+    embedding_number: Mapped[int] = mapped_column(
+        ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    place: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    size: Mapped[float]
+    pieces: Mapped[int]
+    lengths: Mapped[NDArray[np.float32]] = mapped_column(Vector("<f4"))
+
+
 class RemovalRow(Table):
     """The number of a deleted or erased shape, for processes that still have its signature in memory."""
 

@@ -75,6 +75,7 @@ def arrays_of(embedding: Embedding) -> dict[str, NDArray[Any]]:
         "regions": embedding.regions,
         "signature": embedding.signature,
         "orientation": embedding.orientation,
+        "pieces": embedding.pieces,
         **embedding.descriptors,
     }
     for spectrum in embedding.spectra:

@@ -40,6 +40,7 @@ def embedded(clouds, m):
         regions=regions.astype(np.int32),
         signature=nothing,
         spectra=tuple(Spectrum(f"{i}", np.ones(20, dtype=np.float32), one) for i, one in enumerate(clouds)),
+        pieces=np.ones((1, 6), dtype=np.float32),
         descriptors={},
     )
 

@@ -21,6 +21,7 @@ pytestmark = on_both
 
 FINGERPRINT = "f" * 16
 OTHER = "0" * 16
+PIECES = np.ones((1, 6), dtype=np.float32)
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def store(
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
     views = np.array([content, 8], np.uint8)
-    embedded = Embedded(b"record", signature, bytes([content, 1]), b"points", views, 0.5, {}, {})
+    embedded = Embedded(b"record", signature, bytes([content, 1]), b"points", views, 0.5, PIECES, {}, {})
     new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = file_repository.blob_number(session, new.sha256)

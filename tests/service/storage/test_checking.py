@@ -121,6 +121,8 @@ def test_a_spoilt_embedding_is_named(
             "UPDATE coarse_samples SET reliability = 0.25 WHERE embedding_number = 1",
             ["embedding 1 has views beside its coarse samples"],
         ),
+        ("DELETE FROM pieces WHERE embedding_number = 2", ["embedding 2 has pieces beside it"]),
+        ("UPDATE pieces SET size = 1 WHERE embedding_number = 1", ["embedding 1 has pieces beside it"]),
         ("DELETE FROM coarse_samples WHERE embedding_number = 2", ["embedding 2 has no coarse samples"]),
         ("DELETE FROM quantised_points WHERE embedding_number = 2", ["embedding 2 has no quantised points"]),
         ("UPDATE blobs SET data = x'00' WHERE number = 1", ["blob 1 has 1 bytes", "blob 1 does not have"]),
