@@ -115,8 +115,8 @@ def page(
     result a PNG of the query and one of the shape, in colours of corresponding points.
     """
     name = escape(file[0])
-    results = zip(answer.results, matches, strict=True)
-    is_partial = any(result.part_distance is not None for result in answer.results)
+    results = zip(answer.found, matches, strict=True)
+    is_partial = any(result.part_distance is not None for result in answer.found)
     scores = {**SCORES, "part distance": PART_DISTANCE} if is_partial else SCORES
     given = {key: _written(value) for key, value in options.items() if value not in (None, [])}
     made = {
@@ -139,7 +139,7 @@ def page(
 
 def _summary(answer: QueryAnswer) -> list[str]:
     lines = [f"Compared with {answer.compared} of {answer.stored} stored shapes."]
-    if not answer.results:
+    if not answer.found:
         lines.append("No shape is among the results.")
     elif not (answer.matched or answer.ranked_by == "part_distance"):
         lines.append("No shape is similar to the query. The nearest shapes follow.")
@@ -149,7 +149,7 @@ def _summary(answer: QueryAnswer) -> list[str]:
 def _section(result: Result, of_query: bytes, of_shape: bytes, query: str) -> str:
     shape = result.shape
     name = escape(shape.name)
-    likeness = likeness_in_words(result.likeness, result.scale, result.difference)
+    likeness = likeness_in_words(result.likeness, result.scale, result.difference, result.instances)
     pictures = _picture(of_query, f"{query}, coloured") + _picture(of_shape, f"{shape.name}, coloured")
     part = {} if result.part_distance is None else {"part distance": f"{result.part_distance:.4f}"}
     scores = {
@@ -221,7 +221,7 @@ def report(
     # The service has read the file; its ending tells which axis is up.
     query = Preview.of(client.preview_file(file), name.rpartition(".")[2].lower())
     matches = []
-    for result in answer.results:
+    for result in answer.found:
         if result.correspondence is None:
             raise ValueError("the answer has no correspondences")
         shape = Preview.of(client.preview(result.shape.id), result.shape.format)

@@ -7,13 +7,14 @@ tells all other pairs apart. Clients import this module, so it imports no arrays
 
 from typing import Literal
 
-Likeness = Literal["same", "scaled", "mirrored", "variant", "pose", "similar", "weak"]
+Likeness = Literal["same", "scaled", "mirrored", "variant", "part_of", "pose", "similar", "weak"]
 """The likeness of a second shape to a first one.
 
 same : a rigid copy of the same size, on any mesh.
 scaled : a rigid copy of another size.
 mirrored : a rigid copy of the mirror image, of any size.
 variant : a rigid copy, of any size, but for a local difference.
+part_of : one of the two has several pieces, of which some are copies of the other.
 pose : nearly isometric and bent, as two poses of one body.
 similar : probably of one class.
 weak : none of these.
@@ -63,16 +64,20 @@ def likeness(
     scale: float | None = None,
     mirrored: bool = False,
     variant: bool = False,
+    part: bool = False,
     pose: bool = False,
 ) -> Likeness:
     """Return the likeness of a second shape to a first one; its thresholds suit the default setting.
 
     `probability` is that of one class. `scale`, length in the second over length in the first, is None unless
-    registration found a copy; `mirrored` and `variant` tell its kind. `pose` tells whether the surfaces are
-    nearly isometric (`may_be_pose`) and bent by `BENT`.
+    registration found a copy; `mirrored` and `variant` tell its kind. `part` tells whether pieces of one are
+    copies of the other, and `pose` whether the surfaces are nearly isometric (`may_be_pose`) and bent by
+    `BENT`.
     """
     if scale is not None:
         return copy_likeness(scale, mirrored=mirrored, variant=variant)
+    if part:
+        return "part_of"
     if pose:
         return "pose"
     return "similar" if probability >= SIMILAR else "weak"

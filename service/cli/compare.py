@@ -79,7 +79,7 @@ def _shape(argument: str) -> Compared:
 
 def _line(answer: CompareAnswer) -> str:
     scores = f"ssd {answer.ssd:.4f}, sim {answer.sim:.4f}, combined {answer.combined:.4f}"
-    likeness = likeness_in_words(answer.likeness, answer.scale, answer.difference)
+    likeness = likeness_in_words(answer.likeness, answer.scale, answer.difference, answer.instances)
     return f"{likeness}: cc {score_in_words(answer.cc)}, {scores}"
 
 

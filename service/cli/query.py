@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 # Correspondences are asked for the page; the JSON leaves them out.
-UNASKED = {"results": {"__all__": {"correspondence"}}}
+UNASKED = {name: {"__all__": {"correspondence"}} for name in ("results", "parts")}
 
 
 @with_options(SearchOptions, without={"correspondences", "embedding"}, rank_by="combined")
@@ -66,7 +66,7 @@ def write_report(
     from service.report import report  # noqa: PLC0415
 
     with progress() as bar:
-        task = bar.add_task("drawing", total=len(answer.results))
+        task = bar.add_task("drawing", total=len(answer.found))
         text = report(client, mesh, options, answer, lambda: bar.advance(task))
     path.write_bytes(text.encode())
 
@@ -76,20 +76,20 @@ def print_answer(console: "Console", answer: QueryAnswer) -> None:
     if not answer.compared:
         console.print("no stored shape could be compared")
         return
-    if not answer.results:
+    if not answer.found:
         console.print("no compared shape has so high a cc")
         return
     partial = any(result.part_distance is not None for result in answer.results)
     scores = [">cc", ">ssd", ">sim", ">combined", *[">part distance"] * partial]
     columns = (">rank", "name", "likeness", *scores, "sides", ">size over query", "tags")
     results = table(*columns, fold=("likeness", "tags"))
-    for result in answer.results:
+    for result in answer.found:
         shape, ratio = result.shape, result.size_ratio
         part_distance = [] if result.part_distance is None else [f"{result.part_distance:.4f}"]
         results.add_row(
             str(result.rank),
             shape.name,
-            likeness_in_words(result.likeness, result.scale),
+            likeness_in_words(result.likeness, result.scale, instances=result.instances),
             score_in_words(result.cc),
             f"{result.ssd:.4f}",
             f"{result.sim:.4f}",

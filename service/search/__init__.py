@@ -9,6 +9,8 @@ __all__ = [
     "likeness",
     "local_difference",
     "map",
+    "part_instances",
+    "plates",
     "records",
     "repository",
     "schemas",

@@ -26,7 +26,8 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
-from service.search.records import MatchedCandidates, Query, Surface, once, proportions_of
+from service.search.plates import possible_wholes_and_parts
+from service.search.records import MatchedCandidates, Query, Surface, may_be_part, once, proportions_of
 from service.search.schemas import (
     Pair,
     QueryAnswer,
@@ -216,9 +217,20 @@ async def search(
         if advise and results and not options.partial:
             told = {each.number: result for each, result in zip(shown, results, strict=False)}
             warnings += await _order_warnings(cascade, matched.only(best), rank_by, told, shapes.collection)
+    pieces: list[_BestResult] = []
+    if advise and not options.partial:
+        with timings.stage("instances"):
+            others = replace(
+                query, excluded=query.excluded | {each.number for each in shown[: options.top_k]}
+            )
+            pieces = await _parts(replace(cascade, query=others), shapes, options)
+    parts = [
+        each.result.model_copy(update={"rank": rank})
+        for rank, each in enumerate(pieces, start=1 + len(results))
+    ]
     if options.correspondences:
         with timings.stage("results"):
-            for result, each in zip(results, shown, strict=False):
+            for result, each in zip([*results, *parts], [*shown[: options.top_k], *pieces], strict=True):
                 result.correspondence = await _correspondence(container, query, each.surface)
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     if advise and sized.has_sizes and not compared:
@@ -228,7 +240,8 @@ async def search(
     return QueryAnswer(
         query=query.measured,
         results=results,
-        matched=any(result.likeness != "weak" for result in results),
+        parts=parts,
+        matched=any(result.likeness != "weak" for result in [*results, *parts]),
         compared=compared,
         ranked_by="part_distance" if options.partial else rank_by,
         stored=candidates.stored,
@@ -265,8 +278,8 @@ class _BestResult:
     """A result before its likeness is told, and what tells it.
 
     `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy
-    (`may_be_copy`) or a pose. `spectral` is the distance of the log eigenvalues of the shape from those of
-    the query, and `number` that of the shape.
+    (`may_be_copy`) or a pose, or one of the two a part of the other. `spectral` is the distance of the log
+    eigenvalues of the shape from those of the query, and `number` that of the shape.
     """
 
     number: int
@@ -309,7 +322,8 @@ def _read_results(
 ) -> list[_BestResult]:
     """Return the best candidates as they are shown, without one that was deleted a moment ago.
 
-    The embedding is read of a result that may be a copy or a pose, and of all with `every_record`.
+    The embedding is read of a result that may be a copy, a pose, a whole or a part, and of all with
+    `every_record`.
     """
     container, query, reader = cascade.container, cascade.query, cascade.reader
     entries = best.candidates.entries
@@ -329,8 +343,11 @@ def _read_results(
     embeddings = reader.records(
         [
             numbers[i]
-            for i, _ in present
-            if every_record or i in copies or may_be_pose(spectral[i], float(best.cc[i]))
+            for i, shape in present
+            if every_record
+            or i in copies
+            or may_be_pose(spectral[i], float(best.cc[i]))
+            or may_be_part(query.embedding.facts, shape.facts)
         ]
     )
     return [
@@ -390,6 +407,26 @@ async def _all_likened(container: Container, query: Query, best: list[_BestResul
             return await _likened(container, query, each)
 
     return await together(in_turn(each) for each in best)
+
+
+async def _parts(cascade: Cascade, shapes: ShapeFilter, options: SearchOptions) -> list[_BestResult]:
+    """Return shapes that have the query as a piece, or are pieces of it: more instances first, then older."""
+    container, query = cascade.container, cascade.query
+    candidates = await run_in_threadpool(possible_wholes_and_parts, container, query, shapes, options.top_k)
+    if candidates is None:
+        return []
+    matched = await cascade.score(candidates, options.top_k)
+    with short_of_memory():
+        read = await run_in_threadpool(
+            _read_results, cascade, matched, shapes.collection, {}, every_record=True
+        )
+    found = [each for each in await _all_likened(container, query, read) if each.result.instances is not None]
+    return sorted(found, key=lambda each: (-_instances(each.result), each.number))
+
+
+def _instances(result: Result) -> int:
+    """Return the number of instances of either hand."""
+    return 0 if result.instances is None else result.instances.count + result.instances.mirrored
 
 
 ORDERS: tuple[RankBy, ...] = ("combined", "cc", "sim", "ssd")

@@ -7,12 +7,14 @@ from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 
+from core.descriptors.pieces import number_of_pieces
 from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.likeness import BENT, likeness, may_be_pose
 from core.ranking.shortlist import eigenvalue_steps, isometry_distance, spectral_distances
+from core.registration.instances import possible_instances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.registration.similarity import bend
 from service.collection import CollectionNumber
@@ -21,6 +23,7 @@ from service.container import Container
 from service.errors import ServiceError
 from service.observability.logging import get_logger
 from service.search.local_difference import LocalDifference
+from service.search.part_instances import PartInstances
 from service.search.records import Surface, once
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
@@ -68,14 +71,19 @@ async def relation_of(
     allow a copy. A surface is neither copy nor pose if it is None, and no copy if it cannot be read or is
     deleted meanwhile. `probability` is their class probability.
     """
-    copy, posed = None, False
+    copy, found, posed = None, None, False
     try:
         if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
             copy = await find_copy(container, first, second, parameters)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
     try:
-        if copy is None and second is not None and may_be_pose(spectral, cc):
+        if copy is None and second is not None:
+            found = await find_instances(container, first, second)
+    except (CoreError, ServiceError) as error:
+        log.warning("the pieces of a result are not registered: %s", error)
+    try:
+        if copy is None and found is None and second is not None and may_be_pose(spectral, cc):
             posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
     except CoreError as error:
         log.warning("a result may be a pose: %s", error)
@@ -85,11 +93,18 @@ async def relation_of(
         scale=scale,
         mirrored=copy is not None and copy.mirrored,
         variant=copy is not None and copy.difference is not None,
+        part=found is not None,
         pose=posed,
     )
     difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
     transform = copy and copy.placing.matrix.tolist()
-    return {"likeness": kind, "scale": scale, "transform": transform, "difference": difference}
+    return {
+        "likeness": kind,
+        "scale": scale,
+        "transform": transform,
+        "difference": difference,
+        "instances": found,
+    }
 
 
 def is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) -> bool:
@@ -106,6 +121,32 @@ def is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) 
         for embedding, samples in zip(embeddings, pairs.T, strict=True)
     )
     return bool(bend(source, target) >= BENT * embeddings[1].facts.area ** 0.5)
+
+
+async def find_instances(container: Container, first: Surface, second: Surface) -> PartInstances | None:
+    """Return how many pieces of one surface are copies of the other, which has one piece; None for none.
+
+    Raises
+    ------
+    BadRecordError, FileTimeLimitError, MeshError, ShapeNotFoundError
+        A record or a file cannot be used, or was deleted.
+    """
+
+    def ways() -> tuple[int, bool]:
+        pieces = first.embedding.pieces, second.embedding.pieces
+        return possible_instances(*pieces), number_of_pieces(pieces[0]) == 1
+
+    possible, first_is_part = await run_in_threadpool(ways)
+    if not possible or first.mesh is None or second.mesh is None:
+        return None
+    meshes = await asyncio.gather(first.mesh(), second.mesh())
+    part, whole = meshes if first_is_part else meshes[::-1]
+    counted = await container.queue.do(tasks.instances_in, part, whole)
+    if not counted.count and not counted.mirrored:
+        return None
+    return PartInstances(
+        whole="second" if first_is_part else "first", count=counted.count, mirrored=counted.mirrored
+    )
 
 
 async def find_copy(

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from core.arrays import Bytes
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_signature
-from core.embedding import Embedding
+from core.embedding import Embedding, Facts
 from core.mesh.mesh import Mesh
 from core.ranking.local_density import LocalDensities
 from core.registration.rigid_copy import Proportions, proportions
@@ -49,6 +50,14 @@ class Surface:
 def proportions_of(facts: Mapping[str, Any]) -> Proportions:
     """Return the proportions of a surface with these facts, by name."""
     return proportions(**{name: facts[name] for name in ("area", "volume", "scale", "boundary_edges")})
+
+
+def may_be_part(first: Facts, second: Mapping[str, Any]) -> bool:
+    """Return whether one surface may be a piece of the other, by the facts of both."""
+    one, several = sorted(
+        ((first.components, first.area), (second["components"], second["area"])), key=itemgetter(0)
+    )
+    return one[0] == 1 < several[0] and bool(one[1] <= several[1])
 
 
 def once(read: ReadMesh) -> ReadMesh:

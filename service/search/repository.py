@@ -38,6 +38,7 @@ from service.storage.tables import (
     BlobRow,
     CoarseSamplesRow,
     EmbeddingRow,
+    PieceRow,
     QuantisedPointsRow,
     ShapeRow,
 )
@@ -216,6 +217,27 @@ def entries(session: ReadSession, fingerprint: str, shapes: ShapeFilter | Ints) 
         conditions = [ShapeRow.number.in_(batch.tolist()) for batch in batches]
     query = ENTRIES.where(EmbeddingRow.fingerprint == fingerprint)
     return entries_of([row for condition in conditions for row in session.execute(query.where(condition))])
+
+
+def pieces(
+    session: ReadSession,
+    fingerprint: str,
+    shapes: ShapeFilter,
+    sizes: tuple[float, float],
+    *,
+    of_several: bool,
+) -> list[tuple[int, Float32s]]:
+    """Return the pieces of the shapes that match a filter: the number of the shape, and a row of lengths.
+
+    The pieces have a size, the root of the area, between the two `sizes`, and are those of shapes of several
+    pieces, or else of one. At most `AT_ONCE` are read, of the oldest shapes.
+    """
+    query = _embedded(select(ShapeRow.number, PieceRow.lengths), fingerprint, shapes)
+    query = query.join(PieceRow, PieceRow.embedding_number == EmbeddingRow.number).where(
+        PieceRow.size.between(*sizes), PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1
+    )
+    rows = session.execute(query.order_by(ShapeRow.number, PieceRow.place).limit(AT_ONCE))
+    return [(number, lengths) for number, lengths in rows]
 
 
 def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
 from service.collection import CollectionNumber
 from service.search.local_difference import LocalDifference
+from service.search.part_instances import PartInstances
 from service.shapes.fields import clean_id, split_tags
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh, Shape
@@ -36,6 +37,7 @@ LIKENESS_WORDS: dict[Likeness, str] = {
     "scaled": "Same part",
     "mirrored": "Mirror image",
     "variant": "Variant",
+    "part_of": "Part of",
     "pose": "Another pose",
     "similar": "Similar",
     "weak": "Weak",
@@ -87,7 +89,10 @@ def score_in_words(score: float) -> str:
 
 
 def likeness_in_words(
-    likeness: Likeness, scale: float | None, difference: LocalDifference | None = None
+    likeness: Likeness,
+    scale: float | None,
+    difference: LocalDifference | None = None,
+    instances: PartInstances | None = None,
 ) -> str:
     """Return a likeness in words: "Same part, 1.5 times as large".
 
@@ -98,7 +103,11 @@ def likeness_in_words(
         Length in the second shape over length in the first; it is told where the sizes differ.
     difference : LocalDifference or None
         What it says follows.
+    instances : PartInstances or None
+        What it says is told instead.
     """
+    if instances is not None:
+        return instances.text
     words = LIKENESS_WORDS[likeness]
     if scale is not None and copy_likeness(scale, mirrored=False) == "scaled":
         # Three digits; the second format writes 1000 without an exponent.
@@ -235,9 +244,10 @@ class PairScores(BaseModel):
         f"(to {100 * SAME_SIZE:.0f} %), on any mesh: the surfaces differ nowhere by more than the errors of "
         "both meshes; scaled: a rigid copy of another size; mirrored: a rigid copy of the mirror image, of "
         "any size; variant: a rigid copy of any size but for a local difference. Registration, of the "
-        "samples or else of the surfaces, confirms these. pose: nearly isometric, as two poses of one body "
-        f"(the isometry distance, of log eigenvalues and volumes, is at most {NEAR_ISOMETRIC}, and cc at "
-        f"least {POSE_CC}) and bent: no similarity transform brings corresponding points near each other. "
+        "samples or else of the surfaces, confirms these. part_of: one of the two has several pieces, of "
+        "which some are rigid copies of the other in its size. pose: nearly isometric, as two poses of one "
+        f"body (the isometry distance, of log eigenvalues and volumes, is at most {NEAR_ISOMETRIC}, and cc "
+        f"at least {POSE_CC}) and bent: no similarity transform brings corresponding points near each other. "
         f"similar: combined is at least {SIMILAR}. weak: none of these."
     )
     scale: float | None = Field(
@@ -253,6 +263,9 @@ class PairScores(BaseModel):
     difference: LocalDifference | None = Field(
         default=None,
         description="If likeness is variant: where the two differ, in the coordinates of the first shape.",
+    )
+    instances: PartInstances | None = Field(
+        default=None, description="If likeness is part_of: which shape has the other, and how many times."
     )
 
 
@@ -299,7 +312,15 @@ class QueryAnswer(BaseModel):
 
     query: MeasuredMesh
     results: list[Result]
-    matched: bool = Field(description="Whether one of the results is alike: its likeness is not weak.")
+    parts: list[Result] = Field(
+        default=[],
+        description="Further shapes, at most `top_k`, whose likeness is part_of: plates and assemblies that "
+        "have the query as a piece, or shapes that are pieces of the query. Those with more instances come "
+        "first, then the older ones; ranks go on from those of the results.",
+    )
+    matched: bool = Field(
+        description="Whether one of the results and parts is alike: its likeness is not weak."
+    )
     ranked_by: Literal["cc", "ssd", "sim", "combined", "part_distance"] = Field(
         description="The score that sorts the results."
     )
@@ -315,6 +336,11 @@ class QueryAnswer(BaseModel):
     embedding: EmbeddingArrays | None = Field(
         default=None, description="The embedding of the query, with the option embedding."
     )
+
+    @property
+    def found(self) -> list[Result]:
+        """The results, then the parts."""
+        return [*self.results, *self.parts]
 
 
 class MapShape(BaseModel):

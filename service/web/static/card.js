@@ -26,6 +26,7 @@ export const copyVerdict = ({ likeness, scale }) => WORDS[likeness] + (likeness 
  * @param {Scores} scores
  */
 export function verdict(scores) {
+  if (scores.instances) return scores.instances.text;
   if (scores.likeness === "pose") return `${WORDS.pose}, ${digits(scores.cc)}`;
   const copy = !["similar", "weak"].includes(scores.likeness);
   return copy ? copyVerdict(scores) : `${WORDS[scores.likeness]}: ${percent(scores.combined)}`;

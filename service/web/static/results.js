@@ -43,10 +43,10 @@ let listed = { name: "", results: [] };
  * @param {boolean} isNew Whether another query was shown before; then the results get the focus.
  */
 export async function showResults(asked, answer, count, isNew) {
-  const { results } = answer;
+  const results = [...answer.results, ...answer.parts];
   listed = { name: asked.name, results };
   const most = Math.min(answer.compared, MOST);
-  byId("results-more", HTMLButtonElement).hidden = results.length < count || results.length >= most;
+  byId("results-more", HTMLButtonElement).hidden = answer.results.length < count || answer.results.length >= most;
   byId("results-export", HTMLButtonElement).hidden = results.length === 0;
   shown?.differences.hide();
   shown = null;
@@ -136,6 +136,7 @@ const COLUMNS = [
   ["name", ({ shape }) => shape.name],
   ["tags", ({ shape }) => shape.tags.join(", ")],
   ["likeness", ({ likeness }) => likeness],
+  ["instances", ({ instances }) => instances?.text ?? ""],
   ["scale", ({ scale }) => scale],
   ["difference", ({ difference }) => difference?.text ?? ""],
   ["cc", ({ cc }) => cc],

@@ -13,13 +13,15 @@
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
  * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null,
- *             transform: number[][] | null, difference: { text: string } | null }} Scores
+ *             transform: number[][] | null, difference: { text: string } | null,
+ *             instances: { text: string } | null }} Scores
  * @typedef {Scores & { rank: number, shape: Shape, correspondence: Pair[], size_ratio: number | null,
  *                      part_distance: number | null }} Result
  * @typedef {{ name: string, eigenvalues: number[], coordinates: number[][] }} Spectrum
  * @typedef {{ positions: number[][], spectra: Spectrum[] }} Embedding
- * @typedef {{ query: Mesh, results: Result[], ranked_by: string, matched: boolean, compared: number, stored: number,
- *             embedding: Embedding | null, milliseconds: Record<string, number>, warnings: string[] }} Answer
+ * @typedef {{ query: Mesh, results: Result[], parts: Result[], ranked_by: string, matched: boolean,
+ *             compared: number, stored: number, embedding: Embedding | null,
+ *             milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
  * @typedef {{ transferred: { points: { position: number[], confidence: number }[] } }} Compared
  * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts

@@ -109,7 +109,15 @@ def test_stages_of_an_upload_a_query_and_a_comparison(running: Running) -> None:
     assert running.client.post("/compare", json=pair).status_code == 200
     stages = {
         "upload": {"read": 2, "embed": 2, "store": 3},
-        "query": {"read": 1, "embed": 1, "shortlist": 1, "compare": 1, "results": 1, "likeness": 1},
+        "query": {
+            "read": 1,
+            "embed": 1,
+            "shortlist": 1,
+            "compare": 1,
+            "results": 1,
+            "likeness": 1,
+            "instances": 1,
+        },
         "compare": {"read": 1, "compare": 1, "likeness": 1},
     }
     for operation, counts in stages.items():

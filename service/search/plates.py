@@ -1,0 +1,48 @@
+"""The stored shapes that a query may be a piece of, and those that may be its pieces.
+
+A part has one piece. A plate or an assembly has several, and is found by the lengths of its pieces
+(`core.descriptors.pieces`), however unlike it is to the part as a whole.
+"""
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from core.descriptors.pieces import COUNT, SIZE, number_of_pieces
+from core.registration.instances import EQUAL_SIZE, may_be_instances
+from service.container import Container
+from service.search import repository
+from service.search.records import Candidates, Query
+from service.shapes.records import ShapeFilter
+
+
+def possible_wholes_and_parts(
+    container: Container, query: Query, shapes: ShapeFilter, count: int
+) -> Candidates | None:
+    """Return at most `count` shapes that may have the query as a piece, or be pieces of a query of several.
+
+    Those with more instances come first, then the older ones. None if there are none.
+    """
+    rows = query.embedding.pieces
+    is_part = number_of_pieces(rows) == 1
+    fingerprint = query.active_pipeline.fingerprint
+    found: Counter[int] = Counter()
+    with container.database.read() as session:
+        for row in rows:
+            sizes = float(row[SIZE]) * math.exp(-EQUAL_SIZE), float(row[SIZE]) * math.exp(EQUAL_SIZE)
+            stored = repository.pieces(session, fingerprint, shapes, sizes, of_several=is_part)
+            if not stored:
+                continue
+            lengths = np.array([each for _, each in stored])
+            for index in np.flatnonzero(may_be_instances(row, lengths)).tolist():
+                found[stored[index][0]] += int(lengths[index, COUNT] if is_part else row[COUNT])
+        for number in query.excluded:
+            found.pop(number, None)
+        best = sorted(found, key=lambda number: (-found[number], number))[:count]
+        if not best:
+            return None
+        entries = repository.entries(session, fingerprint, np.array(best))
+    place = {number: place for place, number in enumerate(best)}
+    order = np.argsort([place[number] for number in entries.shapes.tolist()])
+    return Candidates(entries.only(order), shortlisted=False, stored=len(best))
