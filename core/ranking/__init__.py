@@ -6,6 +6,7 @@ Signatures, coarse samples, points or scores in; a shortlist, approximate scores
 __all__ = [
     "class_probability",
     "differences",
+    "diffusion",
     "likeness",
     "local_density",
     "reranking",

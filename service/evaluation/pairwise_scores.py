@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +24,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import PairDifferences, differences_of
+from core.ranking.diffusion import all_contextual_scores
 from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
@@ -53,6 +54,11 @@ class PairScores:
     sim: Floats
     combined: Floats
     differences: PairDifferences
+
+    @cached_property
+    def contextual(self) -> Floats:
+        """Contextual scores, each row for one query that is left out of the graph; not symmetric."""
+        return all_contextual_scores(self.combined)
 
 
 _pipeline: Pipeline

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from enum import StrEnum
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -12,8 +12,13 @@ from core.evaluation.retrieval_measures import QUANTILES, Evaluation, evaluate, 
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import Collection, Limit, Setting, Workers
 from service.console import fail, print_table
-from service.evaluation.retrieval import collection_files, evaluate_ranking, score_baseline, score_collection
-from service.search.schemas import RankBy
+from service.evaluation.retrieval import (
+    RANKINGS,
+    collection_files,
+    evaluate_ranking,
+    score_baseline,
+    score_collection,
+)
 
 HIGH_CC = 0.98
 """A CC whose share of the pairs is printed: poses of one body often reach it, other pairs hardly."""
@@ -23,7 +28,7 @@ MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 HUBNESS = ("occurrence_skewness", "most_often_wrong")
 
 
-Ranked = StrEnum("Ranked", ["CC", "SSD", "SIM", "COMBINED", "ALL"])
+Ranked = StrEnum("Ranked", ["CC", "SSD", "SIM", "COMBINED", "CONTEXTUAL", "ALL"])
 """A score that ranks the answers, or all of them."""
 
 
@@ -71,7 +76,7 @@ def evaluate_command(
         labels, scores = score_collection(files, parameters, workers)
         cc = score_quantiles(scores.cc, labels, HIGH_CC)
         chosen = rank_by or [Ranked.CC]
-        rankings: Iterable[Any] = get_args(RankBy) if "all" in chosen else dict.fromkeys(chosen)
+        rankings: Iterable[Any] = RANKINGS if "all" in chosen else dict.fromkeys(chosen)
         evaluations = {ranking: evaluate_ranking(scores, labels, ranking) for ranking in rankings}
     else:
         labels, distances = score_baseline(files, method, workers)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
+from scipy.special import logit
 
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding
@@ -19,6 +20,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import differences_of
+from core.ranking.diffusion import all_contextual_scores
 from service.datasets import read_collection
 from service.evaluation.pairwise_scores import embed_files, pair_densities, score_pairs, worker_pool
 from service.evaluation.retrieval import spread
@@ -43,7 +45,7 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
     done = run("evaluate", collection, "--rank-by", "all", "--json")
     assert done.status == 0
     reports = json.loads(done.stdout)
-    assert [report["rank_by"] for report in reports] == ["cc", "ssd", "sim", "combined"]
+    assert [report["rank_by"] for report in reports] == ["cc", "ssd", "sim", "combined", "contextual"]
     pipeline = Pipeline(DEFAULT)
     rows = [pipeline.score(embedding, embeddings) for embedding in embeddings]
     cc = np.stack([row.cc for row in rows])
@@ -55,6 +57,7 @@ def test_every_ranking_from_one_run(collection: Path, embeddings: list[Embedding
         "ssd": -np.stack([row.ssd for row in rows]),
         "sim": np.stack([row.sim for row in rows]),
         "combined": combined,
+        "contextual": all_contextual_scores(logit(combined)),
     }
     labels = [label for _, label in read_collection(collection)]
     for report in reports:
