@@ -95,7 +95,7 @@ class Settings(BaseSettings):
     max_distinct_parts: PositiveInt = DEFAULT_LIMITS.distinct_parts
 
     # Search.
-    rank_by: Literal["cc", "ssd", "sim", "combined"] = "cc"
+    rank_by: Literal["cc", "ssd", "sim", "combined", "contextual"] = "cc"
     shortlist_from: PositiveInt = 2_000
     shortlist_length: PositiveInt = 1_000
     reranked: PositiveInt = 300

@@ -85,6 +85,11 @@ def contextual_scores(rows: NeighbourRows, log_odds: Floats) -> Floats:
     return np.asarray(np.log(flow + LEAST_FLOW) + LOG_ODDS_WEIGHT * log_odds)
 
 
+def unreached_scores(log_odds: Floats) -> Floats:
+    """Return contextual scores of shapes that no flow reaches, shape (n,), from their log odds."""
+    return np.asarray(np.log(LEAST_FLOW) + LOG_ODDS_WEIGHT * log_odds)
+
+
 def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
     """Return the flow from a query to each of n shapes, shape (n,), >= 0.
 
@@ -143,14 +148,10 @@ def all_contextual_scores(log_odds: Floats) -> Floats:
     diagonal, and shapes beyond the `MOST_NODES` likeliest ones for a query.
     """
     rows = nearest_rows(log_odds)
-    count = len(log_odds)
-    scores = np.full((count, count), np.nan)
-    for query in range(count):
+    scores = unreached_scores(log_odds)
+    for query in range(len(log_odds)):
         order = np.argsort(-log_odds[query], kind="stable")
         nodes = np.sort(order[order != query][:MOST_NODES])
         around = NeighbourRows(nodes, rows.neighbours[nodes], rows.log_odds[nodes])
         scores[query, nodes] = contextual_scores(around, log_odds[query, nodes])
-    beyond = np.isnan(scores)
-    unreached = np.log(LEAST_FLOW) + LOG_ODDS_WEIGHT * log_odds
-    scores[beyond] = unreached[beyond]
     return scores

@@ -17,10 +17,12 @@ from service.duplicates.groups import Counted, Groups, Search
 from service.duplicates.judging import ShapeJudge
 from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
+from service.index import neighbour_repository
 from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline, Pipelines
+from service.search.neighbours import make_row
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import Shape
@@ -36,7 +38,7 @@ LOOK_SECONDS, BUSY_SECONDS, TRY_AGAIN_SECONDS = 2.0, 0.25, 60.0
 """Seconds between looks for new shapes, between looks at a busy service, and after an error."""
 
 JUDGED_AT_ONCE = 64
-"""Shapes to judge that one statement reads."""
+"""Shapes to judge, or to find neighbours of, that one statement reads."""
 
 log = get_logger("duplicates")
 
@@ -117,10 +119,11 @@ def _report(
 
 
 async def keep_judging(container: Container) -> None:
-    """Judge new shapes for copies, and then for variants once these were asked for.
+    """Find the neighbours of new shapes; judge them for copies, then for variants once these were asked for.
 
-    Shapes are judged while no request and no job is at work, only as many at a time as there are workers. The
-    database knows which are judged, so that a restarted service continues.
+    This happens while no request and no job is at work: neighbours are found for one shape at a time, and
+    only as many are judged as there are workers. The database knows what is done, so that a restarted service
+    continues.
     """
 
     async def idle() -> bool:
@@ -136,6 +139,9 @@ async def keep_judging(container: Container) -> None:
             state = await reading(_wanted, pipelines)
             if state != finished:
                 _, active_pipeline, searches = state
+                while await _find_neighbours(container, active_pipeline):
+                    if await reading(_wanted, pipelines) != state:
+                        break
                 for search in searches:
                     while await _judge_some(
                         container, active_pipeline, search, None, idle, container.settings.workers
@@ -144,10 +150,10 @@ async def keep_judging(container: Container) -> None:
                             break
                 finished = state
         except ServiceError as error:
-            log.warning("the search for near-identical shapes failed and continues later: %s", error)
+            log.warning("the search for near shapes failed and continues later: %s", error)
             await asyncio.sleep(TRY_AGAIN_SECONDS)
         except Exception:
-            log.exception("the search for near-identical shapes failed and continues later")
+            log.exception("the search for near shapes failed and continues later")
             await asyncio.sleep(TRY_AGAIN_SECONDS)
         await asyncio.sleep(LOOK_SECONDS)
 
@@ -212,6 +218,21 @@ async def _judge_some(
         await asyncio.sleep(BUSY_SECONDS)
     await together(take() for _ in range(at_a_time))
     return bool(in_progress) or (bool(unjudged) and await look() != unjudged)
+
+
+async def _find_neighbours(container: Container, active_pipeline: ActivePipeline) -> bool:
+    """Find the neighbours of the oldest shapes whose are unknown; False if there are none.
+
+    A pipeline without match records compares too slowly: it has no graph of neighbours.
+    """
+    if not active_pipeline.pipeline.matcher.uses_match_records:
+        return False
+    reading, fingerprint = container.database.reading, active_pipeline.fingerprint
+    shapes = await reading(neighbour_repository.lacking, fingerprint, JUDGED_AT_ONCE)
+    for shape in shapes:
+        await _idle(container)
+        await make_row(container, active_pipeline, *shape)
+    return bool(shapes)
 
 
 async def _idle(container: Container) -> None:

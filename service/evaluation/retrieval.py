@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from itertools import zip_longest
 from math import comb
 from pathlib import Path
-from typing import Literal, TypeVar, get_args
+from typing import TypeVar
 
 from core.arrays import Floats
 from core.evaluation.retrieval_measures import Evaluation, evaluate
@@ -20,10 +20,6 @@ from service.search.schemas import RankBy
 Result = TypeVar("Result")
 Files = list[tuple[Path, str]]
 """Mesh files with their classes."""
-
-Ranking = RankBy | Literal["contextual"]
-RANKINGS: tuple[Ranking, ...] = (*get_args(RankBy), "contextual")
-"""The orders that evaluations compare."""
 
 
 def collection_files(folder: Path, limit: int | None) -> Files:
@@ -108,6 +104,6 @@ def labels_of(files: Files) -> list[str]:
     return [label for _, label in files]
 
 
-def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: Ranking) -> Evaluation:
+def evaluate_ranking(scores: PairScores, labels: Sequence[str], ranking: RankBy) -> Evaluation:
     """Return the evaluation of a ranking by one of the scores; all but SSD grow with similarity."""
     return evaluate(getattr(scores, ranking), labels, larger_is_closer=ranking != "ssd")

@@ -1,3 +1,3 @@
 """Stored shapes in memory: database rows in, signatures and cached match records out."""
 
-__all__ = ["cache", "repository", "signature_table"]
+__all__ = ["cache", "neighbour_repository", "repository", "signature_table"]

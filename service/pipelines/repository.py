@@ -18,6 +18,7 @@ from service.storage.tables import (
     DuplicatePairRow,
     EmbeddingRow,
     JudgedShapeRow,
+    NeighboursRow,
     PipelineRow,
     ShapeRow,
 )
@@ -124,7 +125,7 @@ def prune(session: WriteSession, kept: str, limit: int) -> int:
     """Delete at most `limit` embeddings by other pipelines of files that one pipeline has embedded; how many.
 
     Files that it has not embedded keep their embeddings: every shape has one. At the end, judgements of
-    near-identical shapes by the other pipelines are deleted too.
+    near-identical shapes, and neighbours, by the other pipelines are deleted too.
     """
     newer = aliased(EmbeddingRow)
     replaced = (
@@ -141,7 +142,7 @@ def prune(session: WriteSession, kept: str, limit: int) -> int:
     numbers = session.scalars(replaced).all()
     session.execute(delete(EmbeddingRow).where(EmbeddingRow.number.in_(numbers)))
     if not numbers:
-        for table in (DuplicatePairRow, JudgedShapeRow):
+        for table in (DuplicatePairRow, JudgedShapeRow, NeighboursRow):
             session.execute(delete(table).where(table.fingerprint != kept))
         used = select(EmbeddingRow.fingerprint).distinct()
         session.execute(

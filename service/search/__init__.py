@@ -9,6 +9,7 @@ __all__ = [
     "likeness",
     "local_difference",
     "map",
+    "neighbours",
     "part_instances",
     "plates",
     "records",

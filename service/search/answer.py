@@ -26,6 +26,7 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
+from service.search.neighbours import in_context
 from service.search.plates import possible_wholes_and_parts
 from service.search.records import MatchedCandidates, Query, Surface, may_be_part, once, proportions_of
 from service.search.schemas import (
@@ -57,6 +58,12 @@ with the query, if they may be copies, to find the best of these."""
 
 AT_ONCE = 3
 """Results of a query whose likeness is told at the same time."""
+
+PARTIAL_FACTOR = 2.5
+"""Factor of the number of candidates from which a partial query compares a shortlist: this may miss the whole
+of a part, whose signature is another."""
+
+NO_CONTEXT = "the order is that of combined: the neighbours of most candidates are not known yet"
 
 Done = TypeVar("Done")
 
@@ -174,16 +181,28 @@ async def search(
     options = options.model_copy(update={"rank_by": options.rank_by or container.settings.rank_by})
     rank_by: RankBy = "cc" if options.partial or options.rank_by is None else options.rank_by
     reader = CandidateReader(container, active_pipeline)
-    cascade = Cascade(container, query, reader, by_log_odds=rank_by == "combined")
+    by_log_odds = rank_by in {"combined", "contextual"}
+    cascade = Cascade(container, query, reader, by_log_odds=by_log_odds)
     sized = _sized(shapes, options, query.embedding.facts.area)
     with timings.stage("shortlist"):
-        candidates = await run_in_threadpool(find_candidates, container, query, sized, options)
+        shortlist_from = _shortlist_from(container, options)
+        candidates = await run_in_threadpool(
+            find_candidates, container, query, sized, shortlist_from, by_log_odds=by_log_odds
+        )
     container.metrics.query_compared.observe(len(candidates))
+    container.metrics.queries_shortlisted.inc(candidates.shortlisted)
     part_distances: dict[int, float] | None = None
     if options.partial:
         candidates, part_distances = await nearest_wholes(cascade, candidates, options.top_k, timings)
     with timings.stage("compare"):
         matched = await cascade.score(candidates, options.top_k)
+    warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
+    if rank_by == "contextual":
+        with timings.stage("context"):
+            matched = await container.database.reading(in_context, query, matched)
+        if matched.contextual is None:
+            rank_by = "combined"
+            warnings.append(NO_CONTEXT)
     with timings.stage("results"):
         best = ranked(matched, rank_by) if part_distances is None else np.arange(len(matched.cc))
         if options.min_cc is not None:
@@ -192,12 +211,11 @@ async def search(
             best_results = await run_in_threadpool(
                 _read_results,
                 cascade,
-                matched.only(best[: options.top_k + (rank_by == "combined") * REGISTERED]),
+                matched.only(best[: options.top_k + by_log_odds * REGISTERED]),
                 shapes.collection,
                 part_distances or {},
                 every_record=options.correspondences,
             )
-    warnings = [*query.warnings, *warnings_of(query.embedding.facts.boundary_ratio)]
     with timings.stage("likeness"):
         shown = await _all_likened(
             container,
@@ -208,7 +226,7 @@ async def search(
                 if number < options.top_k or (each.is_certain and each.may_be_copy)
             ],
         )
-        if rank_by == "combined":
+        if by_log_odds:
             shown.sort(key=_misfit)
         results = [
             each.result.model_copy(update={"rank": rank})
@@ -257,9 +275,22 @@ def ranked(matched: MatchedCandidates, by: RankBy) -> NDArray[np.intp]:
 
     Near copies, such as two scans of one part, can have the CC and sim of the shape itself, but another SSD.
     """
-    score = {"cc": matched.cc, "ssd": -matched.ssd, "sim": matched.sim, "combined": matched.log_odds}[by]
+    score = {
+        "cc": matched.cc,
+        "ssd": -matched.ssd,
+        "sim": matched.sim,
+        "combined": matched.log_odds,
+        "contextual": matched.contextual,
+    }[by]
     assert score is not None
     return np.lexsort((matched.candidates.entries.shapes, matched.ssd, -score))
+
+
+def _shortlist_from(container: Container, options: SearchOptions) -> int | None:
+    """Return the number of shapes from which a query compares a shortlist; None if it compares all."""
+    if options.exhaustive:
+        return None
+    return math.ceil((PARTIAL_FACTOR if options.partial else 1.0) * container.settings.shortlist_from)
 
 
 def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFilter:
@@ -295,14 +326,14 @@ class _BestResult:
 
 
 def _misfit(best: _BestResult) -> tuple[float, ...]:
-    """Return what orders certain results: copies come first, then variants, then others.
+    """Return what orders results: certain copies come first, then certain variants, then others.
 
     Copies are sorted by size, the nearest first, with mirror images last; variants by whether they have as
     many holes, by size, and by the distance of the difference. Results that compare equal keep their order.
     """
     result = best.result
     if not best.is_certain or result.scale is None:
-        return (2.0 + (not best.is_certain),)
+        return (2.0,)
     growth = abs(math.log(result.scale))
     if (difference := result.difference) is None:
         # A scale is right to about 1e-4.
@@ -430,7 +461,7 @@ def _instances(result: Result) -> int:
 
 
 ORDERS: tuple[RankBy, ...] = ("combined", "cc", "sim", "ssd")
-"""All orders; of two with equally good first results, a warning names the former."""
+"""All orders by one score; of two with equally good first results, a warning names the former."""
 
 DESCRIBED = 5
 """Candidates of greatest approximate log odds of which the greatest log odds are sought."""
@@ -477,8 +508,10 @@ async def _order_warnings(
 def _firsts(cascade: Cascade, matched: MatchedCandidates, rank_by: RankBy) -> dict[RankBy, int]:
     """Return the index of the first candidate by each other order."""
     by_scores = [order for order in ORDERS if order not in (rank_by, "combined")]
-    firsts = {order: int(ranked(matched, order)[0]) for order in by_scores}
-    if rank_by == "combined":
+    firsts: dict[RankBy, int] = {order: int(ranked(matched, order)[0]) for order in by_scores}
+    if matched.log_odds is not None:
+        if rank_by != "combined":
+            firsts = {"combined": int(ranked(matched, "combined")[0]), **firsts}
         return firsts
     entries = matched.candidates.entries
     approximate = coarse_log_odds(cascade.query, entries, matched.cc)

@@ -133,7 +133,8 @@ class Candidates:
 class MatchedCandidates:
     """Candidates and their scores with the query (`core.embedding.Scores`); each array has shape (c,).
 
-    `log_odds` that the two shapes are of one class are there if they rank the answer.
+    `log_odds` that the two shapes are of one class are there if they rank the answer, and `contextual` scores
+    (`core.ranking.diffusion`) if these do.
     """
 
     candidates: Candidates
@@ -141,6 +142,7 @@ class MatchedCandidates:
     ssd: NDArray[np.float64]
     sim: NDArray[np.float64]
     log_odds: NDArray[np.float64] | None = None
+    contextual: NDArray[np.float64] | None = None
 
     def only(self, indices: NDArray[np.integer] | NDArray[np.bool_]) -> "MatchedCandidates":
         """Return the candidates at some indices, or those that a mask selects, with their scores."""
@@ -150,4 +152,5 @@ class MatchedCandidates:
             self.ssd[indices],
             self.sim[indices],
             None if self.log_odds is None else self.log_odds[indices],
+            None if self.contextual is None else self.contextual[indices],
         )

@@ -20,8 +20,8 @@ from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh
 if TYPE_CHECKING:
     from core.embedding import Embedding, Match
 
-RankBy = Literal["cc", "ssd", "sim", "combined"]
-"""The scores that results can be sorted by."""
+RankBy = Literal["cc", "ssd", "sim", "combined", "contextual"]
+"""The orders of results."""
 
 LEAST_DIGITS, MOST_DIGITS = 4, 7
 """Decimals of a score. The samples' coordinates have the precision of seven."""
@@ -137,9 +137,12 @@ class SearchOptions(Filters):
     rank_by: RankBy | None = Field(
         default=None,
         description="The score that sorts the results: cc, sim and combined from the highest, ssd from the "
-        "lowest. Results with equal scores are ordered by ssd, then the older shape comes first; of those "
-        "with combined above 0.99, copies come first, and then variants. The default is cc, unless the "
-        "service is set to another (`rank_by` of GET /version).",
+        "lowest. contextual, an order without a score, also reads which stored shapes are near each other: "
+        "a shape comes earlier if others like the query are like it; while the service does not know enough "
+        "of that, the order is that of combined, and `warnings` tell so. Results with equal scores are "
+        "ordered by ssd, then the older shape comes first; by combined or contextual, copies with combined "
+        "above 0.99 come first, and then variants. The default is cc, unless the service is set to another "
+        "(`rank_by` of GET /version).",
     )
     partial: bool = Field(
         default=False,
@@ -321,8 +324,8 @@ class QueryAnswer(BaseModel):
     matched: bool = Field(
         description="Whether one of the results and parts is alike: its likeness is not weak."
     )
-    ranked_by: Literal["cc", "ssd", "sim", "combined", "part_distance"] = Field(
-        description="The score that sorts the results."
+    ranked_by: Literal["cc", "ssd", "sim", "combined", "contextual", "part_distance"] = Field(
+        description="The score, or the order, that sorts the results."
     )
     compared: int = Field(description="The number of shapes that the query was compared with.")
     stored: int = Field(description="The number of shapes of the collection.")
@@ -331,7 +334,8 @@ class QueryAnswer(BaseModel):
     warnings: list[str] = Field(
         default=[],
         description="Warnings about the surface of the query; about shapes of another unit, if none passes "
-        "the filter by size; and about another order whose first result has a better likeness.",
+        "the filter by size; about another order whose first result has a better likeness; and about a "
+        "contextual order that is not known yet.",
     )
     embedding: EmbeddingArrays | None = Field(
         default=None, description="The embedding of the query, with the option embedding."

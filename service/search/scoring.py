@@ -36,7 +36,6 @@ from service.observability.logging import get_logger
 from service.observability.metrics import Timings
 from service.search.caches import CandidateReader, collection_sample
 from service.search.records import Candidates, MatchedCandidates, Query
-from service.search.schemas import SearchOptions
 from service.search.signature_index import Wanted, signature_index
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
@@ -58,39 +57,34 @@ since the log odds depend mostly on spin images."""
 VIEW_SHARE = 0.5
 """Shapes near by view signatures in a shortlist, for each one near by signatures."""
 
-PARTIAL_FACTOR = 2.5
-"""Factor of the number of candidates from which a partial query compares a shortlist: this may miss the whole
-of a part, whose signature is another."""
-
 
 def find_candidates(
-    container: Container, query: Query, shapes: ShapeFilter, options: SearchOptions
+    container: Container,
+    query: Query,
+    shapes: ShapeFilter,
+    shortlist_from: int | None,
+    *,
+    by_log_odds: bool,
 ) -> Candidates:
     """Return the shapes that match a filter, without the query itself, or a shortlist of them.
 
-    Stages: read the collection's sample for local densities; select by the filter; unless the search is
-    exhaustive or few shapes are left, keep the nearest by signatures and by view signatures. If log odds rank
-    the answer, more of both are looked for, and those of greatest approximate log odds stay.
+    Stages: read the collection's sample for local densities; select by the filter; of `shortlist_from` shapes
+    or more, unless it is None, keep the nearest by signatures and by view signatures. If log odds rank the
+    answer, more of both are looked for, and those of greatest approximate log odds stay.
     """
-    shortlist_from = container.settings.shortlist_from
-    if options.partial:
-        shortlist_from = math.ceil(PARTIAL_FACTOR * shortlist_from)
     index = signature_index(container, query.active_pipeline)
     length, by_views = container.settings.shortlist_length, VIEW_SHARE
-    if options.rank_by == "combined":
+    if by_log_odds:
         length, by_views = index.widening * length, 1.0
     with container.database.read() as session:
         stored = shapes_repository.stored(session, shapes.collection)
         sample = collection_sample(session, container, query.active_pipeline, shapes.collection)
         neighbours = length, math.ceil(by_views * length)
-        least_shapes = None if options.exhaustive else shortlist_from
-        wanted = Wanted(query, shapes, stored, least_shapes, *neighbours)
+        wanted = Wanted(query, shapes, stored, shortlist_from, *neighbours)
         entries, shortlisted = index.candidates(session, wanted)
-    if shortlisted and options.rank_by == "combined":
+    if shortlisted and by_log_odds:
         log_odds = coarse_log_odds(query, entries)
         entries = entries.only(least(-log_odds, entries.shapes, container.settings.shortlist_length))
-    if shortlisted:
-        container.metrics.queries_shortlisted.inc()
     # The index of an empty archive has signatures of length 0.
     signatures = entries.signatures.reshape(len(entries.shapes), len(query.embedding.signature))
     entries = replace(entries, signatures=signatures)

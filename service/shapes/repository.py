@@ -23,6 +23,7 @@ from sqlalchemy import (
 from service.collection import CollectionNumber
 from service.errors import IdempotencyKeyReusedError
 from service.http.idempotency import Claim, Kept
+from service.index import neighbour_repository
 from service.shapes.fields import plain_values
 from service.shapes.file_repository import is_its_embedding
 from service.shapes.records import (
@@ -336,7 +337,7 @@ def erase_shape(session: WriteSession, record: ShapeRecord) -> None:
 
 
 def _leave(session: WriteSession, record: ShapeRecord) -> None:
-    """Take a shape out of the near-identical pairs, and out of the signatures in memory of every process."""
+    """Take a shape out of pairs and neighbours, and out of the signatures in memory of every process."""
     _forget(session, record.number)
     session.add(RemovalRow(shape_number=record.number, revision=next_revision(session)))
 
@@ -383,10 +384,11 @@ def _write_plain_values(session: WriteSession, number: int, metadata: Mapping[st
 
 
 def _forget(session: WriteSession, number: int) -> None:
-    """Delete the pairs and the judgement of a shape, and have its copies judged again.
+    """Delete the pairs, the judgement and the neighbours of a shape; its copies are judged again.
 
     Two copies of a third shape need not be a pair themselves: without the third, their pair is unknown.
     """
+    neighbour_repository.forget(session, number)
     first, second = DuplicatePairRow.first_number, DuplicatePairRow.second_number
     copies = select(first).where(second == number).union(select(second).where(first == number))
     unknown = JudgedShapeRow.shape_number

@@ -39,6 +39,7 @@ OTHER_BYTES = {
     "coarse_samples": "embedding_number",
     "quantised_points": "embedding_number",
     "thumbnails": "rowid",
+    "neighbours": "rowid",
 }
 
 REFERENCES = {

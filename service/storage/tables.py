@@ -323,6 +323,23 @@ class JudgedShapeRow(Table):
     aligned: Mapped[int]
 
 
+class NeighboursRow(Table):
+    """The nearest neighbours of a shape in its collection, by the log odds of one pipeline.
+
+    `data` has them as `service.index.neighbour_repository` says, the likeliest first. A number that has no
+    row itself is that of a deleted shape, and does not count; numbers are never reused.
+    """
+
+    __tablename__ = "neighbours"
+
+    shape_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
+    data: Mapped[bytes] = mapped_column(LargeBinary)
+    checksum: Mapped[str] = mapped_column(String(LENGTH))
+
+
 class JobRow(Table):
     """A bulk job, which stores the members of an archive.
 

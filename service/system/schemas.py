@@ -86,7 +86,7 @@ class Version(BaseModel):
     method: int = Field(
         description="The version of the method, which increases when results for the same mesh change."
     )
-    rank_by: Literal["cc", "ssd", "sim", "combined"] = Field(
+    rank_by: Literal["cc", "ssd", "sim", "combined", "contextual"] = Field(
         description="The score that sorts the results of a query that names none."
     )
     formats: list[FileFormat] = Field(description="The formats of mesh files.")

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
@@ -12,13 +12,8 @@ from core.evaluation.retrieval_measures import QUANTILES, Evaluation, evaluate, 
 from core.parameters import DEFAULT, PAPER
 from service.cli.evaluation.options import Collection, Limit, Setting, Workers
 from service.console import fail, print_table
-from service.evaluation.retrieval import (
-    RANKINGS,
-    collection_files,
-    evaluate_ranking,
-    score_baseline,
-    score_collection,
-)
+from service.evaluation.retrieval import collection_files, evaluate_ranking, score_baseline, score_collection
+from service.search.schemas import RankBy
 
 HIGH_CC = 0.98
 """A CC whose share of the pairs is printed: poses of one body often reach it, other pairs hardly."""
@@ -76,7 +71,7 @@ def evaluate_command(
         labels, scores = score_collection(files, parameters, workers)
         cc = score_quantiles(scores.cc, labels, HIGH_CC)
         chosen = rank_by or [Ranked.CC]
-        rankings: Iterable[Any] = RANKINGS if "all" in chosen else dict.fromkeys(chosen)
+        rankings: Iterable[Any] = get_args(RankBy) if "all" in chosen else dict.fromkeys(chosen)
         evaluations = {ranking: evaluate_ranking(scores, labels, ranking) for ranking in rankings}
     else:
         labels, distances = score_baseline(files, method, workers)

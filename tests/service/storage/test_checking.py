@@ -172,6 +172,10 @@ def test_a_spoilt_embedding_is_named(
             "INSERT INTO thumbnails VALUES (1, 'off', 96, 1, x'89', 'wrong')",
             ["thumbnails row 1 does not have its checksum"],
         ),
+        (
+            "INSERT INTO neighbours VALUES (1, 'f', x'00', 'wrong')",
+            ["neighbours row 1 does not have its checksum"],
+        ),
     ],
 )
 def test_a_spoilt_row_is_named(archive: Path, statement: str, expected: list[str]) -> None:

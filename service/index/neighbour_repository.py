@@ -1,0 +1,122 @@
+"""The SQL of the graph of neighbours: the nearest neighbours of each stored shape, by log odds.
+
+A query reads the rows around its candidates, a millisecond for some hundred: so a service keeps none of the
+graph in memory, and sees what other services have written.
+"""
+
+from typing import Any, TypeVar
+
+import numpy as np
+from sqlalchemy import Select, delete, func, select
+
+from core.arrays import Floats, Ints
+from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
+from service.collection import CollectionNumber
+from service.index.repository import ENTRIES
+from service.observability.logging import get_logger
+from service.storage.checksums import checksum_of, is_whole
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import EmbeddingRow, NeighboursRow, ShapeRow
+
+log = get_logger("search")
+
+Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
+
+NEIGHBOUR = np.dtype([("shape", "<i8"), ("log_odds", "<f4")])
+"""A neighbour in the bytes of a row."""
+
+
+def neighbour_rows(session: ReadSession, fingerprint: str, shapes: Ints | None = None) -> NeighbourRows:
+    """Return the rows, by a pipeline, of some shapes or of all; damaged ones are left out, and logged."""
+    row = NeighboursRow
+    query = select(row.shape_number, row.data, row.checksum).where(row.fingerprint == fingerprint)
+    if shapes is not None:
+        query = query.where(row.shape_number.in_(shapes.tolist()))
+    found = []
+    for number, data, checksum in session.execute(query.order_by(row.shape_number)):
+        if is_whole(data, checksum):
+            found.append((number, np.frombuffer(data, NEIGHBOUR)))
+        else:
+            log.error(
+                "the neighbours of shape number %d are damaged: they do not have their checksum", number
+            )
+    neighbours = np.full((len(found), NEIGHBOURS), NOBODY)
+    log_odds = np.full((len(found), NEIGHBOURS), -np.inf)
+    for i, (_, nearest) in enumerate(found):
+        neighbours[i, : len(nearest)] = nearest["shape"][:NEIGHBOURS]
+        log_odds[i, : len(nearest)] = nearest["log_odds"][:NEIGHBOURS]
+    return NeighbourRows(np.array([number for number, _ in found], dtype=np.int64), neighbours, log_odds)
+
+
+def lacking(session: ReadSession, fingerprint: str, limit: int) -> list[tuple[CollectionNumber, int, int]]:
+    """Return at most `limit` embedded shapes without a row: collection, number, embedding; oldest first."""
+    columns = ShapeRow.collection_number, ShapeRow.number, EmbeddingRow.number
+    query = _without_rows(ENTRIES.with_only_columns(*columns), fingerprint)
+    rows = session.execute(query.order_by(ShapeRow.number).limit(limit))
+    return [(CollectionNumber(of), shape, embedding) for of, shape, embedding in rows]
+
+
+def count_lacking(session: ReadSession, fingerprint: str, collection: CollectionNumber) -> int:
+    """Return the number of embedded shapes of a collection without a row."""
+    query = _without_rows(ENTRIES.with_only_columns(func.count()), fingerprint)
+    return session.scalar(query.where(ShapeRow.collection_number == collection)) or 0
+
+
+def write(
+    session: WriteSession, fingerprint: str, shape: tuple[int, int], compared: Ints, log_odds: Floats
+) -> None:
+    """Store the row of a shape, and put it into the rows of the shapes that it is among the nearest of.
+
+    Parameters
+    ----------
+    session : WriteSession
+    fingerprint : str
+    shape : (int, int)
+        The numbers of the shape and of its embedding. Nothing is stored if the shape does not have it.
+    compared : int64, shape (c,)
+        The shapes that it was compared with.
+    log_odds : float64, shape (c,)
+        Log odds that it and each of these are of one class.
+    """
+    number, embedding = shape
+    present = ENTRIES.with_only_columns(ShapeRow.number).where(
+        ShapeRow.number == number, EmbeddingRow.number == embedding
+    )
+    if session.scalar(present) is None:
+        return
+    _store(session, fingerprint, number, compared, log_odds)
+    others = neighbour_rows(session, fingerprint, compared)
+    of = dict(zip(compared.tolist(), log_odds.tolist(), strict=True))
+    for other, neighbours, values in zip(
+        others.shapes.tolist(), others.neighbours, others.log_odds, strict=True
+    ):
+        kept = (neighbours != number) & (neighbours != NOBODY)
+        if kept.all() and of[other] <= values[-1]:
+            continue
+        nearest = np.append(neighbours[kept], number)
+        _store(session, fingerprint, other, nearest, np.append(values[kept], of[other]))
+
+
+def forget(session: WriteSession, number: int) -> None:
+    """Delete the rows of a shape and of its neighbours, which are made again without the shape."""
+    row = NeighboursRow
+    rows = session.scalars(select(row.data).where(row.shape_number == number)).all()
+    numbers = {number, *(int(each) for data in rows for each in np.frombuffer(data, NEIGHBOUR)["shape"])}
+    session.execute(delete(row).where(row.shape_number.in_(numbers)))
+
+
+def _store(session: WriteSession, fingerprint: str, shape: int, neighbours: Ints, log_odds: Floats) -> None:
+    """Store a row of the nearest of some neighbours, in place of an earlier one."""
+    nearest = np.lexsort((neighbours, -log_odds))[:NEIGHBOURS]
+    row = np.empty(len(nearest), NEIGHBOUR)
+    row["shape"], row["log_odds"] = neighbours[nearest], log_odds[nearest]
+    data = row.tobytes()
+    session.merge(
+        NeighboursRow(shape_number=shape, fingerprint=fingerprint, data=data, checksum=checksum_of(data))
+    )
+
+
+def _without_rows(query: Rows, fingerprint: str) -> Rows:
+    row = NeighboursRow
+    made = select(row.shape_number).where(row.shape_number == ShapeRow.number, row.fingerprint == fingerprint)
+    return query.where(EmbeddingRow.fingerprint == fingerprint, ~made.exists())
