@@ -53,7 +53,7 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, service: Running, tmp_p
         assert numbers == pytest.approx(scores, abs=5e-4)
     verdicts = ["Same part", "Mirror image", "Variant", "Another pose", "Similar", "Weak"]
     terms = page.locator(".scores-explained dt").all_text_contents()
-    assert terms == [*verdicts, "CC", "SSD", "sim", "combined"]
+    assert terms == [*verdicts, "CC", "SSD", "sim", "combined", "contextual"]
     summary = page.inner_text("#results-summary")
     assert "6 of 6 stored shapes" in summary
     assert "sorted by combined" in summary
