@@ -35,7 +35,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object a li
 @with_options(Filters)
 def list_command(
     *,
-    sort: Annotated[Sort, typer.Option(help="The oldest or the newest first, or by name.")] = "oldest",
+    sort: Annotated[
+        Sort, typer.Option(help="The best match of --q first, the oldest or the newest first, or by name.")
+    ] = "relevance",
     limit: Annotated[int, typer.Option(min=0, help="The largest number of shapes; 0 is no limit.")] = 50,
     deleted: Annotated[
         bool, typer.Option("--deleted", help="List deleted shapes that can be restored, without filters.")
@@ -47,7 +49,7 @@ def list_command(
     options: dict[str, Any],
 ) -> None:
     """List stored shapes, or deleted ones."""
-    if deleted and (options or sort != "oldest"):
+    if deleted and (options or sort != "relevance"):
         fail("--deleted takes no filter and no order", status=2)
     with service_at(url, key, collection) as client:
         every: Iterator[FileAndFields] = client.deleted() if deleted else client.shapes(sort=sort, **options)

@@ -52,12 +52,13 @@ Position = Sequence[float]
 
 
 class Filters(TypedDict, total=False):
-    """The filters of shapes: all of these tags, a text in the name, metadata, a format, and ranges of sizes.
+    """The filters of shapes: words, all of these tags, a text in the name, metadata, a format, ranges.
 
     `metadata` holds keys with values, or conditions of the form key=value; `area`, `volume` and `length` are
     ranges of the form min..max.
     """
 
+    q: str | None
     tag: Sequence[str]
     name: str | None
     metadata: Conditions
@@ -108,14 +109,14 @@ def upload(
 
 
 def page(
-    *, sort: Sort = "oldest", limit: int = 50, cursor: str | None = None, **filters: Unpack[Filters]
+    *, sort: Sort = "relevance", limit: int = 50, cursor: str | None = None, **filters: Unpack[Filters]
 ) -> Call[ShapePage]:
     """Get one page of the stored shapes that pass the filters."""
     params = _filtered(filters) | given(sort=sort, limit=limit, cursor=cursor)
     return Call("GET", "/shapes", parsed(ShapePage), params=params)
 
 
-def shapes(*, sort: Sort = "oldest", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
+def shapes(*, sort: Sort = "relevance", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
     """Get all stored shapes that pass the filters, page by page."""
     return pages("/shapes", ShapePage, lambda answer: answer.shapes, sort=sort, **_filtered(filters))
 

@@ -12,4 +12,5 @@ __all__ = [
     "repository",
     "schemas",
     "service",
+    "word_repository",
 ]

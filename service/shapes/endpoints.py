@@ -184,10 +184,16 @@ class ShapeListing(PageOptions, Filters):
     """A page of shapes, and their filter."""
 
     sort: Sort = Field(
-        default="oldest",
-        description="The order: the oldest or the newest first, or by name, upper and lower case alike. A "
-        "cursor belongs to one order.",
+        default="relevance",
+        description="The order: the best match of `q` first, the oldest or the newest first, or by name, "
+        "upper and lower case alike. Without `q`, relevance is the oldest first. A cursor belongs to one "
+        "order.",
     )
+
+    @property
+    def order(self) -> Sort:
+        """The order of the list: without words, no shape is more relevant than another."""
+        return "oldest" if self.sort == "relevance" and not self.q else self.sort
 
 
 class FacetOptions(NamedInAddress, Filters):
@@ -279,10 +285,11 @@ def list_shapes(
     No shape is repeated or left out. With the oldest first, a shape that is stored between two pages comes on
     the last page.
     """
-    after = read_position(listing.cursor, listing.sort)
+    sort = listing.order
+    after = read_position(listing.cursor, sort)
     wanted = listing.filtered(collection.number)
     with container.database.read() as session:
-        return service.list_page(session, wanted, after=after, limit=listing.limit, sort=listing.sort)
+        return service.list_page(session, wanted, after=after, limit=listing.limit, sort=sort)
 
 
 @router.get(

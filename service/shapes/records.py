@@ -81,10 +81,10 @@ class StoredFile:
 class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 
-    A shape that passes has each of `tags`, a name that contains `name` in any case, the keys and values of
-    `metadata`, a file of the format `file_format`, and none of the ids `excluded`. Its surface area, volume
-    and largest extent of the bounding box, in units of the file, are in the ranges `area`, `volume` and
-    `length`. Open surfaces have no volume.
+    A shape that passes has all `words` (`service.shapes.word_repository`), each of `tags`, a name that
+    contains `name` in any case, the keys and values of `metadata`, a file of the format `file_format`, and
+    none of the ids `excluded`. Its surface area, volume and largest extent of the bounding box, in units of
+    the file, are in the ranges `area`, `volume` and `length`. Open surfaces have no volume.
     """
 
     collection: CollectionNumber
@@ -96,6 +96,7 @@ class ShapeFilter:
     area: Range | None = None
     volume: Range | None = None
     length: Range | None = None
+    words: str | None = None
 
     @property
     def is_empty(self) -> bool:
@@ -127,16 +128,21 @@ class StoredShape:
     changed: tuple[Literal["tags", "metadata"], ...] = ()
 
 
-Sort = Literal["oldest", "newest", "name"]
-"""The order of a list of shapes: by the time of storing, or by name, upper and lower case alike."""
+Sort = Literal["relevance", "oldest", "newest", "name"]
+"""The order of a list of shapes: by how well words match, by the time of storing, or by name, upper and lower
+case alike."""
 
 
 @dataclass(frozen=True)
 class Position:
-    """A position in a list of shapes: the number of a shape, and its name in lower case in a list by name."""
+    """A position in a list of shapes: the number of a shape, and what the list is sorted by.
+
+    `name` is its name in lower case in a list by name, and `points` its points in a list by relevance.
+    """
 
     number: int
     name: str | None = None
+    points: int | None = None
 
 
 def sha256(data: bytes) -> str:

@@ -2,6 +2,7 @@
 
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -35,6 +36,7 @@ from service.shapes.records import (
     Sort,
     StoredFile,
 )
+from service.shapes.word_repository import having, index_words, relevances
 from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, shape_checksum
 from service.storage.columns import UtcDateTime
 from service.storage.database import ReadSession, WriteSession, drop_unused, erase, next_revision
@@ -71,6 +73,8 @@ def conditions(shapes: ShapeFilter) -> ColumnElement[bool]:
     for key, value in shapes.metadata:
         same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
         required.append(ShapeRow.number.in_(same))
+    if shapes.words:
+        required.append(having(shapes.words))
     if shapes.name:
         required.append(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
     if shapes.file_format is not None:
@@ -119,16 +123,44 @@ def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bo
 
 def page(
     session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
-) -> list[ShapeRecord]:
-    """Return the next `limit` shapes that match a filter, in an order."""
-    number, name = ShapeRow.number, ShapeRow.folded_name
-    order = (name, number) if sort == "name" else (number.desc() if sort == "newest" else number,)
-    query = matching(shapes).limit(limit).order_by(*order)
-    if after is not None and sort == "name":
-        query = query.where(tuple_(name, number) > tuple_(after.name or "", after.number))
-    elif after is not None:
-        query = query.where(number < after.number if sort == "newest" else number > after.number)
-    return records(session, shapes.collection, session.scalars(query).all())
+) -> list[tuple[Position, ShapeRecord]]:
+    """Return the next `limit` shapes that match a filter, in an order, each after its position.
+
+    The order by relevance needs a filter by words.
+    """
+    if sort == "relevance":
+        rows = _most_relevant(session, shapes, after, limit)
+    else:
+        number, name = ShapeRow.number, ShapeRow.folded_name
+        order = (name, number) if sort == "name" else (number.desc() if sort == "newest" else number,)
+        query = matching(shapes).with_only_columns(number, name).limit(limit).order_by(*order)
+        if after is not None and sort == "name":
+            query = query.where(tuple_(name, number) > tuple_(after.name or "", after.number))
+        elif after is not None:
+            query = query.where(number < after.number if sort == "newest" else number > after.number)
+        rows = [Position(number, name if sort == "name" else None) for number, name in session.execute(query)]
+    positions = {position.number: position for position in rows}
+    found = records(session, shapes.collection, list(positions))
+    return [(positions[record.number], record) for record in found]
+
+
+def _most_relevant(
+    session: ReadSession, shapes: ShapeFilter, after: Position | None, limit: int
+) -> list[Position]:
+    """Return the positions of the next shapes that have all words of a filter, the most relevant first."""
+    found = relevances(shapes.words or "")
+    number, points = ShapeRow.number, found.c.points
+    query = (
+        matching(replace(shapes, words=None))
+        .with_only_columns(number, points)
+        .join(found, found.c.shape_number == number)
+        .order_by(points.desc(), number)
+        .limit(limit)
+    )
+    if after is not None:
+        less = points < after.points
+        query = query.where(or_(less, and_(points == after.points, number > after.number)))
+    return [Position(number, points=int(points)) for number, points in session.execute(query)]
 
 
 def by_id(
@@ -270,6 +302,7 @@ def add_shape(
     )
     _write_tags(session, number, new.tags)
     _write_plain_values(session, number, new.metadata)
+    index_words(session, number)
     _store_checksums(session, [number])
     return records(session, new.collection, [number])[0]
 
@@ -287,6 +320,7 @@ def change(session: WriteSession, number: int, changes: Mapping[str, Any]) -> No
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
         _write_tags(session, number, changes["tags"])
     _update(session, number, values)
+    index_words(session, number)
 
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
@@ -312,6 +346,7 @@ def move_shape(session: WriteSession, record: ShapeRecord, collection: Collectio
     number = session.insert(ShapeRow, row)
     _write_tags(session, number, record.tags)
     _write_plain_values(session, number, record.metadata)
+    index_words(session, number)
     erase_shape(session, record)
     _update(session, number, {**_updated_now(), "id": record.id})
 

@@ -58,6 +58,14 @@ class Filters(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
+    q: Annotated[str, AfterValidator(clean_text)] | None = Field(
+        default=None,
+        max_length=255,
+        description="Only shapes that have all these words in their name, tags or metadata. Upper and lower "
+        "case, accents, and spellings such as ä, ae and a are equal; a word may be the beginning of another "
+        "one or, of 4 letters or more, a part of it; of 5 letters or more it may have one spelling mistake.",
+        examples=["phone stand"],
+    )
     tag: ListedTags = Field(
         default=[],
         description="Only shapes with this tag; with all tags, if repeated or separated by commas.",
@@ -123,7 +131,13 @@ class Filters(BaseModel):
         sizes = {"area": self.area, "volume": self.volume, "length": self.length}
         ranges: dict[str, Any] = {name: range_of(text) for name, text in sizes.items() if text is not None}
         return ShapeFilter(
-            collection, tuple(self.tag), self.name, tuple(metadata), self.file_format, **ranges
+            collection,
+            tuple(self.tag),
+            self.name,
+            tuple(metadata),
+            self.file_format,
+            words=self.q or None,
+            **ranges,
         )
 
 
@@ -134,10 +148,11 @@ class Page(BaseModel):
     next_cursor: str | None = Field(description="The `cursor` of the next page; null on the last page.")
 
 
-def write_cursor(after: int, name: str | None = None) -> str:
-    """Return the cursor of the page after the row with a number, and a name in a list by name."""
-    content = {"after": after} if name is None else {"after": after, "name": name}
-    return base64.urlsafe_b64encode(json.dumps(content).encode()).decode().rstrip("=")
+def write_cursor(after: int, name: str | None = None, points: int | None = None) -> str:
+    """Return the cursor of the page after the row with a number, and a name or points in a list by these."""
+    content = {"after": after, "name": name, "points": points}
+    given = {key: value for key, value in content.items() if value is not None}
+    return base64.urlsafe_b64encode(json.dumps(given).encode()).decode().rstrip("=")
 
 
 def read_cursor(cursor: str | None) -> int:
@@ -158,17 +173,17 @@ def read_position(cursor: str | None, sort: Sort) -> Position | None:
         return None
     try:
         content = json.loads(base64.urlsafe_b64decode(cursor + "=" * (-len(cursor) % 4)))
-        number, name = content["after"], content.get("name")
+        number, name, points = content["after"], content.get("name"), content.get("points")
         if name is not None:
             storable_text(name)
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError):
-        number = name = None
+        number = name = points = None
     if type(number) is not int or not 0 <= number < 2**63:
         raise BadRequestFieldsError(FieldFault("cursor", "this service did not create the cursor"))
-    if isinstance(name, str) != (sort == "name"):
+    if (isinstance(name, str), type(points) is int) != (sort == "name", sort == "relevance"):
         message = f"the cursor belongs to a list in another order than sort={sort}"
         raise BadRequestFieldsError(FieldFault("cursor", message))
-    return Position(number, name)
+    return Position(number, name, points)
 
 
 if TYPE_CHECKING:

@@ -213,12 +213,12 @@ def list_page(
     session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
 ) -> ShapePage:
     """Return one page of the shapes that match a filter, in an order."""
-    records = repository.page(session, shapes, after=after, limit=limit + 1, sort=sort)
+    rows = repository.page(session, shapes, after=after, limit=limit + 1, sort=sort)
     next_cursor = None
-    if len(records) > limit:
-        last = records[limit - 1]
-        next_cursor = write_cursor(last.number, last.name.casefold() if sort == "name" else None)
-    page = [Shape.of(record) for record in records[:limit]]
+    if len(rows) > limit:
+        last, _ = rows[limit - 1]
+        next_cursor = write_cursor(last.number, last.name, last.points)
+    page = [Shape.of(record) for _, record in rows[:limit]]
     return ShapePage(shapes=page, total=repository.count(session, shapes), next_cursor=next_cursor)
 
 

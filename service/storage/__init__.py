@@ -11,4 +11,5 @@ __all__ = [
     "postgresql",
     "sqlite",
     "tables",
+    "words",
 ]

@@ -3,6 +3,7 @@
 Each batch of blobs or embeddings is read in its own transaction: a service may write between two batches.
 """
 
+import json
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -28,6 +29,7 @@ from service.storage.checksums import (
     shape_checksum,
 )
 from service.storage.database import check_known
+from service.storage.words import words_of
 
 # Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8
@@ -63,6 +65,9 @@ REFERENCES = {
     "embedding {} has another signature beside its coarse samples": """
         SELECT number FROM embeddings JOIN coarse_samples ON embedding_number = embeddings.number
         WHERE coarse_samples.signature <> embeddings.signature""",
+    "word {} is of no shape": """
+        SELECT number FROM words
+        WHERE NOT EXISTS (SELECT 1 FROM shape_words WHERE word_number = words.number)""",
     "shape {} is there, and is among those that were deleted": """
         SELECT id FROM shapes JOIN removals ON shape_number = number WHERE deleted_at IS NULL""",
     "shape {} is deleted, and is not among those that were deleted": """
@@ -240,6 +245,12 @@ class _Check:
         own_tags = [tag for (tag,) in self._connection.execute(tags, [number])]
         if shape_checksum(shape, own_tags, self._connection.execute(values, [number])) != checksum:
             yield f"shape {shape['id']} does not have its checksum"
+            return
+        words = "SELECT word, backward, weight FROM shape_words JOIN words ON number = word_number"
+        indexed = self._connection.execute(f"{words} WHERE shape_number = ?", [number])
+        own_words = words_of(str(shape["name"]), own_tags, json.loads(str(shape["meta"])))
+        if set(indexed) != {(word, word[::-1], weight) for word, weight in own_words.items()}:
+            yield f"shape {shape['id']} is indexed by other words than its own"
 
     def _pipeline(self, _row: int, checksum: str, *pipeline: Any) -> Iterator[str]:  # noqa: ANN401
         if pipeline_checksum(*pipeline) != checksum:

@@ -29,7 +29,16 @@ from service.observability.metrics import Metrics
 from service.storage.columns import POSTGRESQL
 from service.storage.postgresql import StillServerWatch, check_server, open_postgresql
 from service.storage.sqlite import WRITES, ArchiveLock, DatabaseFile, open_sqlite, path_of, without_references
-from service.storage.tables import ArchiveRow, BlobRow, CollectionRow, EmbeddingRow, ShapeRow, Table
+from service.storage.tables import (
+    ArchiveRow,
+    BlobRow,
+    CollectionRow,
+    EmbeddingRow,
+    ShapeRow,
+    ShapeWordRow,
+    Table,
+    WordRow,
+)
 from service.turns import Turns
 
 log = get_logger("storage")
@@ -38,6 +47,9 @@ POSTGRESQL_DISK_FULL = "53100"
 
 THREADS = 8
 """The most threads at a time that read or write for light requests; more would wait for each other."""
+
+WORDS_AT_ONCE = 10_000
+"""Words that one statement erases."""
 
 _has_turn: ContextVar[bool] = ContextVar("has_turn", default=False)
 
@@ -296,8 +308,11 @@ def _reason(error: BaseException | None) -> str:
 def erase(session: WriteSession, condition: ColumnElement[bool]) -> None:
     """Erase the shapes that satisfy a condition, and the files that no other shape has."""
     blobs = set(session.scalars(select(ShapeRow.blob_number).where(condition)))
+    erased = ShapeWordRow.shape_number.in_(select(ShapeRow.number).where(condition))
+    words = set(session.scalars(select(ShapeWordRow.word_number).where(erased)))
     session.execute(delete(ShapeRow).where(condition))
     drop_unused(session, blobs)
+    drop_unused_words(session, words)
 
 
 def drop_unused(session: WriteSession, blobs: Collection[int]) -> None:
@@ -317,6 +332,15 @@ def drop_unused(session: WriteSession, blobs: Collection[int]) -> None:
         delete(BlobRow).where(BlobRow.number.in_(blobs), ~used.exists()),
         execution_options={"synchronize_session": False},
     )
+
+
+def drop_unused_words(session: WriteSession, words: Collection[int]) -> None:
+    """Erase those of some words that no shape has, deleted or not."""
+    used = select(ShapeWordRow.word_number).where(ShapeWordRow.word_number == WordRow.number)
+    numbers = sorted(words)
+    for start in range(0, len(numbers), WORDS_AT_ONCE):
+        unused = WordRow.number.in_(numbers[start : start + WORDS_AT_ONCE]), ~used.exists()
+        session.execute(delete(WordRow).where(*unused), execution_options={"synchronize_session": False})
 
 
 _FOLDER = Path(__file__).parent / "migrations"

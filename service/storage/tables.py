@@ -16,6 +16,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.checksums import LENGTH
 from service.storage.columns import AnyText, Number, UtcDateTime, Vector
+from service.storage.words import WORD_CHARACTERS
 
 _WHERE_NOT_DELETED: dict[str, Any] = {
     f"{dialect}_where": text("deleted_at IS NULL") for dialect in ("sqlite", "postgresql")
@@ -126,6 +127,40 @@ class MetadataRow(Table):
     )
     key: Mapped[str] = mapped_column(AnyText, primary_key=True)
     value: Mapped[str] = mapped_column(AnyText)
+
+
+_Word = String(WORD_CHARACTERS).with_variant(String(WORD_CHARACTERS, collation="C"), "postgresql")
+"""A folded word, in the order of its characters, so that an index finds the words with a beginning."""
+
+
+class WordRow(Table):
+    """A word or a run that a shape has (`service.storage.words`), and the same `backward`."""
+
+    __tablename__ = "words"
+    __table_args__ = ({"sqlite_autoincrement": True},)
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    word: Mapped[str] = mapped_column(_Word, unique=True)
+    backward: Mapped[str] = mapped_column(_Word, index=True)
+
+
+class ShapeWordRow(Table):
+    """A word of a shape, with the largest weight of the fields that have it.
+
+    Plain rows serve both databases with the same answers. They find beginnings, parts and misspellings, for
+    which the full-text search of SQLite and that of PostgreSQL need different indexes besides their own.
+    """
+
+    __tablename__ = "shape_words"
+    __table_args__ = (Index("words_by_shape", "shape_number"), {"sqlite_with_rowid": False})
+
+    word_number: Mapped[int] = mapped_column(
+        ForeignKey("words.number"), primary_key=True, autoincrement=False
+    )
+    shape_number: Mapped[int] = mapped_column(
+        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
+    )
+    weight: Mapped[int]
 
 
 class EmbeddingRow(Table):

@@ -18,12 +18,13 @@ from tests.service.cli.awaited import Awaited
 DOCUMENT = openapi_document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4..", "file_format": "off"}
-LISTED = {"tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
+LISTED = {"q": "w", "tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
 SEARCH = {
     "top_k": 2,
     "rank_by": "sim",
     "partial": True,
     "exhaustive": True,
+    "q": "w",
     "tag": ["a", "b"],
     "name": "x",
     "metadata": ["k=1"],
@@ -45,7 +46,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     (
         "facets",
         (),
-        {"tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES, "tag_text": "a", "limit": 7},
+        {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES, "tag_text": "a", "limit": 7},
         "GET /facets",
     ),
     ("shape", ("id",), {}, "GET /shapes/{shape_id}"),
@@ -90,6 +91,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
             "scaled": True,
             "mirrored": False,
             "variants": True,
+            "q": "w",
             "tag": ["a"],
             "name": "x",
             "metadata": ["k=1"],
@@ -97,7 +99,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         },
         "GET /duplicates",
     ),
-    ("similarity_map", (), {"tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
+    ("similarity_map", (), {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
     ("collections", (), {}, "GET /collections"),
     ("create_collection", ("a",), {}, "PUT /collections/{name}"),
     ("delete_collection", ("a",), {}, "DELETE /collections/{name}"),

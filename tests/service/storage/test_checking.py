@@ -160,6 +160,9 @@ def test_a_spoilt_embedding_is_named(
         ("UPDATE shapes SET created_at = '2020-01-01 00:00:00.000000' WHERE number = 2", ["shape "]),
         ("UPDATE shape_tags SET tag = 'another' WHERE shape_number = 2", ["shape "]),
         ("DELETE FROM shape_metadata WHERE shape_number = 2", ["shape "]),
+        ("UPDATE shape_words SET weight = 2 WHERE shape_number = 2 AND weight = 3", ["shape "]),
+        ("UPDATE words SET backward = 'x' WHERE word = 'tag'", ["shape "] * 3),
+        ("INSERT INTO words VALUES (99, 'lost', 'tsol')", ["word 99 is of no shape"]),
         (
             "UPDATE coarse_samples SET data = x'00' WHERE embedding_number = 2",
             ["coarse_samples row 2 does not have"],

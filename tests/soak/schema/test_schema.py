@@ -38,7 +38,7 @@ cursors of another order."""
 
 # Text that people write follows rules that a schema does not tell: see `service.shapes.fields`. Points lie on
 # a surface.
-WRITTEN = {"name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"}
+WRITTEN = {"q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"}
 # In it everything is text: any may be a tag, and true is written in many ways.
 FORM = "multipart/form-data"
 QUIET = settings(

@@ -1,0 +1,158 @@
+"""The SQL of words: the index of the words of shapes, and the search of it."""
+
+from collections.abc import Iterable, Sequence
+
+from sqlalchemy import ColumnElement, Integer, Subquery, delete, insert, select, text
+
+from service.storage.database import WriteSession, drop_unused_words
+from service.storage.tables import ShapeRow, ShapeWordRow, TagRow, WordRow
+from service.storage.words import Term, terms_of, words_of
+
+EXACT, BEGINNING, INSIDE, NEAR = 8, 4, 2, 1
+"""Points of a word of a shape that is a term, begins with it, contains it, or differs from it by one edit.
+The weight of the word multiplies them."""
+
+_AFTER = "\U0010ffff"
+
+
+def index_words(session: WriteSession, number: int) -> None:
+    """Index the words of a shape whose name, tags or metadata this transaction has written."""
+    session.flush()
+    name, metadata = session.execute(
+        select(ShapeRow.name, ShapeRow.meta).where(ShapeRow.number == number)
+    ).one()
+    tags = session.scalars(
+        select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.position)
+    ).all()
+    weights = words_of(name, tags, metadata)
+    rows = select(ShapeWordRow.word_number).where(ShapeWordRow.shape_number == number)
+    known = set(session.scalars(rows))
+    session.execute(delete(ShapeWordRow).where(ShapeWordRow.shape_number == number))
+    numbers = _numbers_of(session, weights)
+    if weights:
+        session.execute(
+            insert(ShapeWordRow),
+            [
+                {"word_number": numbers[word], "shape_number": number, "weight": weight}
+                for word, weight in weights.items()
+            ],
+        )
+    drop_unused_words(session, known - set(numbers.values()))
+
+
+def _numbers_of(session: WriteSession, words: Iterable[str]) -> dict[str, int]:
+    """Return the numbers of words, which are stored if they are not."""
+    stored = select(WordRow.word, WordRow.number).where(WordRow.word.in_(list(words)))
+    numbers = dict(session.execute(stored).all())
+    missing = [{"word": word, "backward": word[::-1]} for word in words if word not in numbers]
+    if missing:
+        added = session.execute(insert(WordRow).returning(WordRow.word, WordRow.number), missing)
+        numbers |= dict(added.all())
+    return numbers
+
+
+def having(query: str) -> ColumnElement[bool]:
+    """Return the condition that a shape has all words of a query."""
+    return ShapeRow.number.in_(select(relevances(query).c.shape_number))
+
+
+def relevances(query: str) -> Subquery:
+    """Return the numbers of the shapes that have all words of a query, and their `points`.
+
+    A word of a shape counts as a term if it is the term, begins with it, contains it, or differs from it by
+    one edit: a letter more, less or changed, or two neighbours swapped (`Term` tells from which length on).
+    Two words count as a term that joins them. The points of a shape are the sum, over the terms, of the most
+    points. The statement is text: expressions of SQLAlchemy for it take longer to make than it takes to run.
+    """
+    values = _Values()
+    terms = terms_of(query)
+    required = sum(term.required for term in terms)
+    statement = f"""
+        SELECT shape_number, sum(points) AS points
+        FROM ({" UNION ALL ".join(_of_term(term, values) for term in terms) or _NOTHING}) AS of_terms
+        GROUP BY shape_number HAVING sum(required) = {required}"""
+    columns = {"shape_number": Integer, "points": Integer}
+    return text(statement).bindparams(**values).columns(**columns).subquery()
+
+
+_NOTHING = "SELECT 0 AS shape_number, 0 AS points, 1 AS required"
+
+
+class _Values(dict[str, str]):
+    """The values of a statement by the names of its parameters."""
+
+    def name(self, value: str) -> str:
+        """Return the parameter of a value."""
+        name = f"word_{len(self)}"
+        self[name] = value
+        return f":{name}"
+
+    def names(self, values: Iterable[str]) -> str:
+        """Return the list of the parameters of values."""
+        return ", ".join(map(self.name, values))
+
+
+def _of_term(term: Term, values: _Values) -> str:
+    """Return a query of the shapes that have a term, each with its most points."""
+    joined = f"UNION ALL {_joined(term.splits, values)}" if term.splits else ""
+    return f"""
+        SELECT shape_number, max(points) AS points, {int(term.required)} AS required
+        FROM (SELECT shape_words.shape_number, shape_words.weight * fitting.points AS points
+              FROM ({_fitting(term, values)}) AS fitting
+              JOIN shape_words ON shape_words.word_number = fitting.number {joined}) AS of_words
+        GROUP BY shape_number"""
+
+
+def _fitting(term: Term, values: _Values) -> str:
+    """Return a query of the words that count as a term, with their points; a word may occur several times."""
+    word = term.word
+    conditions = [(EXACT, f"word = {values.name(word)}")]
+    if term.begins:
+        conditions.append((BEGINNING, f"word <> {values.name(word)} AND {_begins('word', word, values)}"))
+    if term.inside:
+        # Words that begin with a digit are many, and have no parts.
+        conditions.append((INSIDE, f"word >= 'a' AND word LIKE {values.name(f'%{word}%')}"))
+    if term.misspelt:
+        conditions += [(NEAR, condition) for condition in _near(word, values)]
+    return " UNION ALL ".join(
+        f"SELECT number, {points} AS points FROM words WHERE {condition}" for points, condition in conditions
+    )
+
+
+def _near(word: str, values: _Values) -> list[str]:
+    """Return conditions, each served by an index, one of which holds for a word that differs by one edit.
+
+    An edit leaves the first or the last half of the word. A `_` of a pattern stands for any character.
+    """
+    half = len(word) // 2
+    shorter = [word[:i] + word[i + 1 :] for i in range(len(word))]
+    swapped = [word[:i] + word[i + 1] + word[i] + word[i + 2 :] for i in range(len(word) - 1)]
+    changed = [(i, f"{word[:i]}_{word[i + 1 :]}") for i in range(len(word))]
+    longer = [(i, f"{word[:i]}_{word[i:]}") for i in range(len(word) + 1)]
+    first = [pattern for i, pattern in changed + longer if i >= half]
+    last = [pattern for i, pattern in changed + longer if i < half]
+    return [
+        f"word IN ({values.names(dict.fromkeys(shorter + swapped))})",
+        f"{_begins('word', word[:half], values)} AND ({_like_one_of(first, values)})",
+        f"{_begins('backward', word[half:][::-1], values)} AND ({_like_one_of(last, values)})",
+    ]
+
+
+def _begins(column: str, beginning: str, values: _Values) -> str:
+    return f"{column} >= {values.name(beginning)} AND {column} < {values.name(beginning + _AFTER)}"
+
+
+def _like_one_of(patterns: Iterable[str], values: _Values) -> str:
+    return " OR ".join(f"word LIKE {values.name(pattern)}" for pattern in patterns)
+
+
+def _joined(splits: Sequence[tuple[str, str]], values: _Values) -> str:
+    """Return a query of the shapes that have both words of one of some splits of a term, with points."""
+    return f"""
+        SELECT of_first.shape_number, of_first.weight * {BEGINNING} AS points
+        FROM words AS first JOIN shape_words AS of_first ON of_first.word_number = first.number
+        JOIN shape_words AS of_second ON of_second.shape_number = of_first.shape_number
+        JOIN words AS second ON second.number = of_second.word_number
+        WHERE first.word IN ({values.names(word for word, _ in splits)})
+        AND second.word IN ({values.names(word for _, word in splits)})
+        AND length(first.word) + length(second.word) = {sum(map(len, splits[0]))}"""
