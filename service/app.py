@@ -47,6 +47,8 @@ from service.settings import Settings, load_parameters
 from service.shapes.endpoints import router as shapes_router
 from service.shapes.file_endpoints import router as files_router
 from service.shapes.service import keep_purging
+from service.sources.endpoints import router as sources_router
+from service.sources.scanner import Scanner
 from service.storage.database import Database, migrate
 from service.system.endpoints import router as service_router
 from service.system.endpoints import session_router
@@ -68,6 +70,7 @@ ROUTERS = (
     shapes_router,
     files_router,
     jobs_router,
+    sources_router,
     collections_router,
     session_router,
     service_router,
@@ -78,8 +81,10 @@ ROUTERS = (
 log = logging.get_logger("app")
 
 
-def create_app(settings: Settings) -> FastAPI:
+def create_app(settings: Settings, *, watches: bool = False) -> FastAPI:
     """Create the application. Opens and starts nothing before its lifespan begins.
+
+    With `watches`, it scans sources when their folders change; otherwise it scans those that it is asked to.
 
     Raises
     ------
@@ -97,6 +102,8 @@ def create_app(settings: Settings) -> FastAPI:
         app.state.container = await run_in_threadpool(_start, settings, parameters, gate, metrics)
         app.state.runner = Runner(app.state.container)
         app.state.runner.start()
+        app.state.scanner = Scanner(app.state.container, watches=watches)
+        app.state.scanner.start()
         works = [CacheWarmer(app.state.container).run(), keep_purging(app.state.container)]
         # Judging reads all signatures into memory, which this setting avoids.
         if settings.duplicates_in_background and settings.signatures == "memory":
@@ -111,6 +118,7 @@ def create_app(settings: Settings) -> FastAPI:
             for task in beside:
                 task.cancel()
             await asyncio.gather(*beside, return_exceptions=True)
+            await app.state.scanner.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.container)
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from core.errors import BadRecordError
+
 CHALLENGE = 'Bearer realm="isoshape"'
 
 REEMBED = "`isoshape reembed` computes the missing embeddings and activates this pipeline."
@@ -75,6 +77,23 @@ class CollectionNotEmptyError(ServiceError, kind="collection-not-empty"):
 
 class NameTakenError(ServiceError, kind="name-taken"):
     """Another shape with the same bytes has the name."""
+
+
+class FileInPlaceError(BadRecordError):
+    """A source's file, whose bytes are in its folder alone, cannot be read there or has changed."""
+
+    kind = "file-in-place"
+
+
+class SourceNotFoundError(ServiceError, kind="source-not-found"):
+    """The collection has no source with the id."""
+
+    def __init__(self, source_id: str) -> None:
+        super().__init__(f"there is no source {source_id!r}")
+
+
+class SourceRefusedError(ServiceError, kind="source-refused"):
+    """The folder cannot be a source."""
 
 
 class FileChangedError(ServiceError, kind="file-changed"):
@@ -272,6 +291,11 @@ PROBLEMS: dict[str, ProblemKind] = {
     "member-name": ProblemKind(422, "The file's name in the archive cannot be used"),
     "member-repeated": ProblemKind(422, "The archive has an earlier file of this name"),
     "member-too-large": ProblemKind(422, "The file in the archive is larger than the limits allow"),
+    # of folders that stay where they are
+    "source-not-found": ProblemKind(404, "There is no such source"),
+    "source-refused": ProblemKind(422, "The folder cannot be a source"),
+    "file-in-place": ProblemKind(409, "The file is not in its folder as it was read"),
+    "file-unreadable": ProblemKind(422, "The file cannot be read in its folder"),
     # of the service
     "internal-error": ProblemKind(500, "The service failed"),
     "busy": ProblemKind(503, "The service is busy"),

@@ -84,6 +84,9 @@ class Settings(BaseSettings):
     max_jobs: PositiveInt = 16
     job_days: float = Field(default=7.0, gt=0, le=3660, allow_inf_nan=False)
 
+    # Folders in place.
+    source_roots: Annotated[tuple[str, ...], NoDecode] = ()
+
     # Deleted and near-identical shapes.
     undo_days: float = Field(default=7.0, ge=0, le=3660, allow_inf_nan=False)
     duplicates_in_background: bool = True
@@ -132,6 +135,16 @@ class Settings(BaseSettings):
         if not all(map(_HOST.fullmatch, names)):
             raise ValueError("must be names or addresses without ports, separated by commas")
         return tuple(names)
+
+    @field_validator("source_roots", mode="before")
+    @classmethod
+    def _are_folders(cls, value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        folders = [part for part in value.split(os.pathsep) if part]
+        if not all(map(os.path.isabs, folders)):
+            raise ValueError(f"must be absolute paths of folders, separated by {os.pathsep}")
+        return tuple(folders)
 
     @field_validator("scheduler")
     @classmethod

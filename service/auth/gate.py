@@ -111,12 +111,18 @@ def of_all_collections(method: str, path: str) -> bool:
     return path == "/metrics" or (path.startswith("/collections/") and method not in SAFE_METHODS)
 
 
+# Their answers hold paths of the machine, which reading keys must not see.
+SOURCES = "/sources"
+
+
 def needed(method: str, path: str) -> Level | None:
     """Return the access level that a request needs; None for a public path."""
     if ("GET" if method == "HEAD" else method, path) in PUBLIC:
         return None
     if method in SAFE_METHODS and path.startswith(PAGE_FILES):
         return None
+    if path == SOURCES or path.startswith(f"{SOURCES}/"):
+        return "full"
     if method in SAFE_METHODS or (method == "POST" and path in READING_POSTS):
         return "read"
     return "full"

@@ -70,7 +70,7 @@ def serve_command(
                 compiling(load_parameters(settings.pipeline), settings.scheduler),
                 told_when_ready(bound, url),
             ):
-                run(create_app(settings), bound, settings.shutdown_seconds)
+                run(create_app(settings, watches=True), bound, settings.shutdown_seconds)
 
 
 def warn_of_python(version: tuple[int, int, int]) -> None:

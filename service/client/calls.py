@@ -39,6 +39,7 @@ from service.shapes.schemas import (
     ShapePage,
     UploadedShape,
 )
+from service.sources.schemas import FileState, Source, SourceFile, SourceFilePage, Sources
 from service.system.schemas import Version
 
 P = ParamSpec("P")
@@ -357,6 +358,54 @@ def delete_job(job_id: str) -> Call[None]:
     return Call("DELETE", _job(job_id), nothing)
 
 
+def sources() -> Call[Sources]:
+    """List the folders whose mesh files are shapes, by name."""
+    return Call("GET", "/sources", parsed(Sources))
+
+
+def add_source(
+    path: str, *, name: str | None = None, tags: Sequence[str] = (), copies: bool = False
+) -> Call[Source]:
+    """Have the mesh files of a folder of the service's machine as shapes; `copies` stores their bytes."""
+    body = given(path=path, name=name, tags=list(tags), copies=copies)
+    return Call("POST", "/sources", parsed(Source), json=body)
+
+
+def source(source_id: str) -> Call[Source]:
+    """Get the state of a source, and the counts of its latest scan."""
+    return Call("GET", _source(source_id), parsed(Source))
+
+
+def follow_source(source_id: str, *, seconds: float = 1.0) -> Call[Step[Source]]:
+    """Get the state of a source every `seconds` seconds; the last item is that after its scan."""
+
+    def step(now: Source) -> Step[Source]:
+        return Step([now], None if now.is_scanned else follow_source(source_id, seconds=seconds), seconds)
+
+    return source(source_id).then(step)
+
+
+def source_files(source_id: str, *, state: FileState | None = None) -> Call[Step[SourceFile]]:
+    """List the files of a source with their states."""
+    path = f"{_source(source_id)}/files"
+    return pages(path, SourceFilePage, lambda answer: answer.files, state=state)
+
+
+def rescan_source(source_id: str) -> Call[Source]:
+    """Scan a source for new and changed files."""
+    return Call("POST", f"{_source(source_id)}/rescan", parsed(Source))
+
+
+def confirm_source(source_id: str) -> Call[Source]:
+    """Scan a source that is offline, and have the files missing that its folder lacks."""
+    return Call("POST", f"{_source(source_id)}/confirm", parsed(Source))
+
+
+def remove_source(source_id: str) -> Call[None]:
+    """Remove a source and delete its shapes; no file is touched."""
+    return Call("DELETE", _source(source_id), nothing)
+
+
 def collections() -> Call[Collections]:
     """List the collections that the key may use, by name, each with the number of its shapes."""
     return Call("GET", "/collections", parsed(Collections))
@@ -383,6 +432,10 @@ def _shape(shape_id: str) -> str:
 
 def _job(job_id: str) -> str:
     return f"/jobs/{segment(job_id)}"
+
+
+def _source(source_id: str) -> str:
+    return f"/sources/{segment(source_id)}"
 
 
 def _described(

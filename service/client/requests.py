@@ -16,6 +16,7 @@ from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 from service.jobs.schemas import JobFilePage, JobPage
 from service.shapes.fields import plain_values
 from service.shapes.schemas import DeletedShapePage, ShapePage
+from service.sources.schemas import SourceFilePage
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
@@ -26,7 +27,7 @@ Conditions = Mapping[str, JsonValue] | Sequence[str]
 T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
-PageModel = TypeVar("PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage)
+PageModel = TypeVar("PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage)
 
 LONGEST_PAGE = 500
 """The most items on one page."""

@@ -8,7 +8,7 @@ from sqlalchemy import Row, delete, func, insert, select
 from service.collection import DEFAULT_COLLECTION, CollectionNumber, CollectionRecord, is_name
 from service.errors import BadRequestFieldsError, CollectionNotEmptyError, CollectionNotFoundError, FieldFault
 from service.storage.database import ReadSession, WriteSession, erase
-from service.storage.tables import NOT_DELETED, CollectionRow, JobRow, ShapeRow
+from service.storage.tables import NOT_DELETED, CollectionRow, JobRow, ShapeRow, SourceRow
 
 
 def get(session: ReadSession, name: str) -> CollectionRecord:
@@ -78,7 +78,8 @@ def remove(session: WriteSession, name: str, keep: timedelta) -> None:
     ------
     CollectionNotFoundError
     CollectionNotEmptyError
-        It is the default one, or has shapes, deleted shapes that can be restored, or an unfinished job.
+        It is the default one, or has shapes, deleted shapes that can be restored, a source, or an unfinished
+        job.
     """
     collection = get(session, name)
     if collection == DEFAULT_COLLECTION:
@@ -98,5 +99,9 @@ def remove(session: WriteSession, name: str, keep: timedelta) -> None:
         is not None
     ):
         raise CollectionNotEmptyError(f"a job of the collection {name!r} has not ended")
+    its_sources = SourceRow.collection_number == collection.number
+    if session.scalar(select(SourceRow.number).where(its_sources, SourceRow.removed_at.is_(None)).limit(1)):
+        raise CollectionNotEmptyError(f"the collection {name!r} has a source")
+    session.execute(delete(SourceRow).where(its_sources))
     session.execute(delete(JobRow).where(of_collection))
     session.execute(delete(CollectionRow).where(CollectionRow.number == collection.number))

@@ -38,6 +38,7 @@ TAGS = [
     {"name": "search", "description": "Similar shapes, comparisons, duplicates and maps."},
     {"name": "shapes", "description": "Stored shapes, their files and pictures."},
     {"name": "jobs", "description": "Bulk jobs: archives of many meshes."},
+    {"name": "sources", "description": "Folders whose mesh files are shapes and stay where they are."},
     {"name": "collections", "description": "Named sets of shapes."},
     {"name": "session", "description": "Signing in and out, for the page."},
     {"name": "service", "description": "The service itself."},

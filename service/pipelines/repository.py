@@ -9,8 +9,9 @@ from core.errors import ParameterError
 from core.parameters import METHOD_VERSION, Parameters
 from service.errors import PipelineUnavailableError
 from service.index.repository import OF_SHAPE
-from service.storage.checksums import pipeline_checksum, whole_file
+from service.storage.checksums import pipeline_checksum
 from service.storage.database import ReadSession, WriteSession, next_revision
+from service.storage.in_place import stored_bytes
 from service.storage.tables import (
     NOT_DELETED,
     ArchiveRow,
@@ -110,7 +111,7 @@ def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
         The bytes are damaged.
     """
     row = session.execute(select(BlobRow.sha256, BlobRow.data).where(BlobRow.number == number)).one_or_none()
-    return None if row is None else (row.sha256, whole_file(row.data, row.sha256))
+    return None if row is None else (row.sha256, stored_bytes(session, row.data, row.sha256))
 
 
 def names(session: ReadSession, blob_number: int, format: str) -> list[str]:

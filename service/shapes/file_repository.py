@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import Any
 
-from sqlalchemy import Row, ScalarSelect, select
+from sqlalchemy import Row, ScalarSelect, func, select, update
 
 from core.descriptors.pieces import SIZE, number_of_pieces
 from core.errors import BadRecordError
@@ -11,9 +11,10 @@ from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.index.repository import OF_SHAPE
-from service.shapes.records import FileKey
-from service.storage.checksums import checksum_of, is_whole, whole_file
+from service.shapes.records import FileKey, NewFile
+from service.storage.checksums import checksum_of, is_whole
 from service.storage.database import ReadSession, WriteSession
+from service.storage.in_place import stored_bytes
 from service.storage.postgresql import ensure_hnsw
 from service.storage.tables import (
     NOT_DELETED,
@@ -38,6 +39,8 @@ def file_of(
         The collection has no such shape.
     BadRecordError
         The bytes are damaged.
+    FileInPlaceError
+        The file is in a source, and cannot be read there or has changed.
     """
     row = session.execute(
         select(BlobRow.data, BlobRow.sha256)
@@ -47,7 +50,7 @@ def file_of(
     ).one_or_none()
     if row is None:
         raise ShapeNotFoundError(shape_id)
-    return whole_file(row.data, row.sha256)
+    return stored_bytes(session, row.data, row.sha256)
 
 
 def embedding_of(
@@ -107,9 +110,17 @@ def blob_number(session: ReadSession, sha256: str) -> int | None:
     return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
 
 
-def add_blob(session: WriteSession, data: bytes, sha256: str) -> int:
-    """Store the bytes of a new blob; its number."""
-    return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": data}))
+def add_blob(session: WriteSession, file: NewFile) -> int:
+    """Store a new blob, without its bytes if they stay in a source; its number."""
+    data = None if file.in_place else file.data
+    return int(session.insert(BlobRow, {"sha256": file.sha256, "size": len(file.data), "data": data}))
+
+
+def keep_bytes(session: WriteSession, number: int, data: bytes) -> None:
+    """Store the bytes of a blob that lacks them."""
+    # A comparison of the bytes with NULL would read them.
+    lacking = BlobRow.number == number, func.length(BlobRow.data).is_(None)
+    session.execute(update(BlobRow).where(*lacking).values(data=data))
 
 
 def add_embedding(

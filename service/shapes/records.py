@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from typing import Any, Literal
@@ -41,10 +41,11 @@ class ShapeRecord:
 
 @dataclass(frozen=True)
 class NewFile:
-    """A file to store."""
+    """A file to store. With `in_place`, its bytes stay in the folder of a source alone."""
 
     data: bytes
     format: str
+    in_place: bool = field(default=False, kw_only=True)
 
     @cached_property
     def sha256(self) -> str:

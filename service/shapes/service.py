@@ -455,7 +455,9 @@ def _put_file(
     if embedded is None and not is_embedded:
         raise EmbeddingMissingError
     if blob_number is None:
-        blob_number = file_repository.add_blob(session, file.data, file.sha256)
+        blob_number = file_repository.add_blob(session, file)
+    elif not file.in_place:
+        file_repository.keep_bytes(session, blob_number, file.data)
     if embedded is None:
         facts = file_repository.facts_on(session, blob_number, file.format) or {}
         return StoredFile(blob_number, facts, created)

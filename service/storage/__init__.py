@@ -8,6 +8,7 @@ __all__ = [
     "copying",
     "database",
     "files",
+    "in_place",
     "postgresql",
     "sqlite",
     "tables",

@@ -89,7 +89,7 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> CheckR
             copy.execute(select(func.count()).select_from(row)).scalar_one()
             for row in (BlobRow, EmbeddingRow)
         )
-        total = copy.execute(select(func.sum(BlobRow.size))).scalar_one()
+        total = copy.execute(select(func.sum(func.length(BlobRow.data)))).scalar_one()
         return CheckReport(shapes, blobs, embeddings, int(total or 0))
 
 
@@ -128,7 +128,7 @@ def _at_once(connection: Connection, table: Table) -> int:
 
 def _check_bytes(table: Table, row: Row[Any]) -> None:
     """Raise unless the bytes of a row have their SHA-256. SQLite could also return text."""
-    if not {"data", "sha256"} <= set(table.columns.keys()):
+    if not {"data", "sha256"} <= set(table.columns.keys()) or row.data is None:
         return
     if not isinstance(row.data, bytes) or hashlib.sha256(row.data).hexdigest() != row.sha256:
         raise ArchiveError(

@@ -41,7 +41,7 @@ class CollectionRow(Table):
 
 
 class BlobRow(Table):
-    """The bytes of a file."""
+    """The bytes of a file, or NULL for those of a source's files, which stay in their folder."""
 
     __tablename__ = "blobs"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -49,7 +49,7 @@ class BlobRow(Table):
     number: Mapped[int] = mapped_column(primary_key=True)
     sha256: Mapped[str] = mapped_column(String(64), unique=True)
     size: Mapped[int]
-    data: Mapped[bytes] = mapped_column(LargeBinary, deferred=True)
+    data: Mapped[bytes | None] = mapped_column(LargeBinary, deferred=True)
 
 
 class ShapeRow(Table):
@@ -424,3 +424,73 @@ class JobFileRow(Table):
     kind: Mapped[str | None] = mapped_column(String(64))
     detail: Mapped[str | None] = mapped_column(Text)
     ended_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+
+
+class SourceRow(Table):
+    """A folder whose mesh files are shapes of a collection and stay where they are.
+
+    `root` is the folder's real path. With `copies`, the archive keeps the bytes too. `state` is one of
+    `service.sources.schemas.State`, `detail` the reason of `offline`, and `report` the counts of the latest
+    scan. `requested` asks for a scan; `confirmed` lets it take files for deleted that an absent folder lacks.
+    `runner` identifies the service that scans; it counts as dead after `leased_until`. A source with
+    `removed_at` is kept until its shapes are erased.
+    """
+
+    __tablename__ = "sources"
+    __table_args__ = (
+        Index("sources_by_collection", "collection_number", "name"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(AnyText(36), unique=True)
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number"))
+    name: Mapped[str] = mapped_column(AnyText(255))
+    root: Mapped[str] = mapped_column(AnyText)
+    copies: Mapped[bool]
+    tags: Mapped[list[str]] = mapped_column(JSON)
+    state: Mapped[str] = mapped_column(String(16))
+    detail: Mapped[str | None] = mapped_column(Text)
+    report: Mapped[dict[str, Any]] = mapped_column(JSON)
+    requested: Mapped[bool]
+    confirmed: Mapped[bool]
+    runner: Mapped[str | None] = mapped_column(String(36))
+    leased_until: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    created_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    scanned_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    removed_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+
+
+class SourceFileRow(Table):
+    """A file of a source, as the latest scan that read it found it.
+
+    `path` is relative to the root, as the disk spells it, and `key` its normal form NFC. Several files may
+    have one shape. `owned` tells that a source stored the shape; it is NULL for a refused file, and for one
+    whose shape was erased. `state` is one of `service.sources.schemas.FileState`. `device` and `inode` are
+    signed, as databases have them.
+    """
+
+    __tablename__ = "source_files"
+    __table_args__ = (
+        UniqueConstraint("source_number", "key", name="one_file_a_path"),
+        Index("source_files_by_state", "source_number", "state", "number"),
+        Index("source_files_by_sha256", "sha256"),
+        Index("source_files_by_shape", "shape_number"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    source_number: Mapped[int] = mapped_column(ForeignKey("sources.number", ondelete="CASCADE"))
+    path: Mapped[str] = mapped_column(AnyText)
+    key: Mapped[str] = mapped_column(AnyText)
+    size: Mapped[int]
+    mtime_ns: Mapped[int]
+    device: Mapped[int]
+    inode: Mapped[int]
+    sha256: Mapped[str | None] = mapped_column(String(64))
+    shape_number: Mapped[int | None] = mapped_column(ForeignKey("shapes.number", ondelete="SET NULL"))
+    owned: Mapped[bool]
+    state: Mapped[str] = mapped_column(String(16))
+    kind: Mapped[str | None] = mapped_column(String(64))
+    detail: Mapped[str | None] = mapped_column(Text)
+    missing_since: Mapped[datetime | None] = mapped_column(UtcDateTime)

@@ -32,7 +32,9 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[str
         def on(name: str) -> Running:
             if name not in running:
                 with engines.using(name):
-                    settings = settings_in(tmp_path_factory.mktemp("service"), workers=2)
+                    roots = (str(tmp_path_factory.getbasetemp()),)
+                    folder = tmp_path_factory.mktemp("service")
+                    settings = settings_in(folder, workers=2, source_roots=roots)
                 running[name] = stack.enter_context(serving(settings))
             return running[name]
 

@@ -68,6 +68,14 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("job_files", ("id",), {"outcome": "refused"}, "GET /jobs/{job_id}/files"),
     ("cancel_job", ("id",), {}, "POST /jobs/{job_id}/cancel"),
     ("delete_job", ("id",), {}, "DELETE /jobs/{job_id}"),
+    ("sources", (), {}, "GET /sources"),
+    ("add_source", ("/m",), {"name": "x", "tags": ["a"], "copies": True}, "POST /sources"),
+    ("source", ("id",), {}, "GET /sources/{source_id}"),
+    ("follow_source", ("id",), {"seconds": 0.0}, "GET /sources/{source_id}"),
+    ("source_files", ("id",), {"state": "missing"}, "GET /sources/{source_id}/files"),
+    ("rescan_source", ("id",), {}, "POST /sources/{source_id}/rescan"),
+    ("confirm_source", ("id",), {}, "POST /sources/{source_id}/confirm"),
+    ("remove_source", ("id",), {}, "DELETE /sources/{source_id}"),
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
     ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
@@ -106,7 +114,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("version", (), {}, "GET /version"),
     ("ready", (), {}, "GET /readyz"),
 ]
-SERIES = {"shapes", "deleted", "jobs", "job_files", "follow_job"}
+SERIES = {"shapes", "deleted", "jobs", "job_files", "follow_job", "follow_source", "source_files"}
 # Paths that browsers and probes ask for, and the one that `follow_job` does by asking again.
 NOT_CALLED = {
     "GET /healthz",

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from tempfile import gettempdir, mkdtemp
 from typing import Any
 
 import httpx
@@ -48,6 +49,8 @@ DOCUMENTED: dict[Operation, Any] = {
     for method, operation in operations.items()
 }
 
+FOLDERS = gettempdir()
+
 SECRET = "xyzzy"
 """Part of whatever is written about the shapes of the collection that is kept from the others."""
 
@@ -60,10 +63,11 @@ class Secrets:
     deleted: str
     purged: str
     job: str
+    source: str
     hashes: tuple[str, ...]
 
     def ids(self) -> tuple[str, ...]:
-        return self.kept, self.deleted, self.purged, self.job
+        return self.kept, self.deleted, self.purged, self.job, self.source
 
 
 Send = Callable[[httpx.Client, Secrets], httpx.Response]
@@ -74,7 +78,8 @@ def to(method: str, path: str, **arguments: Any) -> Send:
 
     def send(client: httpx.Client, own: Secrets) -> httpx.Response:
         shape = {"/shapes/{shape_id}/restore": own.deleted, "/deleted/{shape_id}": own.purged}
-        address = path.format(shape_id=shape.get(path, own.kept), job_id=own.job)
+        ids = {"shape_id": shape.get(path, own.kept), "job_id": own.job, "source_id": own.source}
+        address = path.format(**ids)
         return client.request(method, address, **arguments)
 
     return send
@@ -95,6 +100,11 @@ def comparison(client: httpx.Client, own: Secrets) -> httpx.Response:
 def the_same(client: httpx.Client, own: Secrets) -> httpx.Response:
     """An upload of bytes that lie in the other collection under the same name."""
     return upload(client, small_file(0), f"{SECRET}-kept.off")
+
+
+def a_folder(client: httpx.Client, _own: Secrets) -> httpx.Response:
+    """A folder that is no source yet, without files."""
+    return client.post("/sources", json={"path": mkdtemp(dir=FOLDERS)})
 
 
 SENT: dict[Operation, list[Send]] = {
@@ -140,6 +150,13 @@ SENT: dict[Operation, list[Send]] = {
     ("POST", "/jobs"): [
         to("POST", "/jobs", files={"file": ("open.zip", pack({f"{SECRET}-kept.off": small_file(0)}))})
     ],
+    ("GET", "/sources"): [to("GET", "/sources")],
+    ("POST", "/sources"): [a_folder],
+    ("GET", "/sources/{source_id}"): [to("GET", "/sources/{source_id}")],
+    ("GET", "/sources/{source_id}/files"): [to("GET", "/sources/{source_id}/files")],
+    ("POST", "/sources/{source_id}/rescan"): [to("POST", "/sources/{source_id}/rescan")],
+    ("POST", "/sources/{source_id}/confirm"): [to("POST", "/sources/{source_id}/confirm")],
+    ("DELETE", "/sources/{source_id}"): [to("DELETE", "/sources/{source_id}")],
     ("PATCH", "/shapes/{shape_id}"): [to("PATCH", "/shapes/{shape_id}", json={"tags": ["seen"]})],
     ("PUT", "/shapes/{shape_id}/file"): [to("PUT", "/shapes/{shape_id}/file", **file(7))],
     ("POST", "/shapes/{shape_id}/restore"): [to("POST", "/shapes/{shape_id}/restore")],
@@ -163,7 +180,7 @@ def in_collections() -> list[Operation]:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[Running]:
-    settings = settings_in(tmp_path_factory.mktemp("leaks"), undo_days=1)
+    settings = settings_in(tmp_path_factory.mktemp("leaks"), undo_days=1, source_roots=(FOLDERS,))
     with serving(settings) as running, working_in(running, "open") as other:
         other.store(small_file(5), "open.off")
         yield running
@@ -185,9 +202,13 @@ def secrets(running: Running) -> Iterator[Secrets]:
         assert sent.headers["location"] == f"/jobs/{sent.json()['id']}?{PARAMETER}=secret"
         job = ended(hidden.client, sent.json()["id"])
         assert job["counts"]["stored"] == 1
+        folder = {"path": mkdtemp(dir=FOLDERS), "name": SECRET}
+        source = hidden.client.post("/sources", json=folder)
+        assert source.status_code == 201, source.text
+        assert source.headers["location"] == f"/sources/{source.json()['id']}?{PARAMETER}=secret"
         ids = [shape["id"] for shape in stored]
         hashes = tuple(shape["sha256"] for shape in stored[1:])
-        yield Secrets(ids[0], ids[2], ids[3], job["id"], hashes)
+        yield Secrets(ids[0], ids[2], ids[3], job["id"], source.json()["id"], hashes)
 
 
 def test_every_address_is_told_which_collection_or_has_to_do_with_none() -> None:
@@ -209,7 +230,8 @@ def test_nothing_of_another_collection_is_answered(
             answer = send(client, secrets)
             told = answer.text + str(answer.headers)
             if answer.status_code >= 400:
-                assert_problem(answer, 404, "job-not-found" if "job" in operation[1] else "shape-not-found")
+                noun = next((noun for noun in ("job", "source") if noun in operation[1]), "shape")
+                assert_problem(answer, 404, f"{noun}-not-found")
                 assert SECRET not in told
                 continue
             assert "{" not in operation[1]
@@ -231,7 +253,7 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
             for send in sends:
                 answer = send(hidden.client, secrets)
                 assert answer.status_code < 400, answer.text
-                if answer.status_code == 202:
+                if answer.status_code == 202 and "archive" in answer.json():
                     ended(hidden.client, answer.json()["id"])
         names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
         assert names == {f"{SECRET}-{name}.off" for name in ("twin", "of-a-job", "deleted")}

@@ -64,7 +64,8 @@ def allowed(method: str, path: str) -> set[str]:
     """Which of the keys may."""
     if ("GET" if method == "HEAD" else method, path) in OPEN:
         return set(KEYS)
-    if method in {"GET", "HEAD"} or (method, path) in READING:
+    # Answers about sources have paths of the machine.
+    if not path.startswith("/sources") and (method in {"GET", "HEAD"} or (method, path) in READING):
         return {"read", "full"}
     return {"full"}
 

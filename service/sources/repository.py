@@ -1,0 +1,298 @@
+"""The SQL of sources and their files."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from sqlalchemy import Row, delete, func, insert, or_, select, update
+
+from service.collection import CollectionNumber
+from service.shapes import repository as shapes_repository
+from service.shapes.records import ShapeRecord
+from service.sources.schemas import FileState
+from service.sources.walk import FoundFile
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import NOT_DELETED, ShapeRow, SourceFileRow, SourceRow
+
+AT_ONCE = 500
+"""Rows that one transaction writes, so that other writers wait for a moment only."""
+
+# Without renewal for this long, a service counts as dead and others may scan the source.
+LEASE = timedelta(seconds=15)
+# A lease that ends later was written before the clock was set back.
+LONGEST_LEASE = timedelta(minutes=10)
+DETAIL_CHARACTERS = 1_000
+
+_KEPT = SourceRow.removed_at.is_(None)
+
+
+class SourceLostError(Exception):
+    """The source was removed, or another service scans it."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFile:
+    """A file of a source as the archive knows it; the columns of `SourceFileRow`."""
+
+    number: int
+    path: str
+    key: str
+    size: int
+    mtime_ns: int
+    inode: int
+    sha256: str | None
+    shape_number: int | None
+    owned: bool
+    state: str
+
+    @property
+    def same_bytes(self) -> tuple[int, int, int]:
+        """The values of `FoundFile.same_bytes`."""
+        return self.inode, self.size, self.mtime_ns
+
+
+def add(session: WriteSession, collection: CollectionNumber, values: Mapping[str, Any]) -> SourceRow:
+    """Add a source, which waits for its first scan."""
+    row = SourceRow(
+        collection_number=collection,
+        state="ready",
+        report={},
+        requested=True,
+        confirmed=False,
+        created_at=datetime.now(UTC),
+        **values,
+    )
+    session.add(row)
+    session.flush()
+    return row
+
+
+def by_id(session: ReadSession, collection: CollectionNumber, source_id: str) -> SourceRow | None:
+    """Return the source of a collection with an id."""
+    query = select(SourceRow).where(
+        SourceRow.collection_number == collection, SourceRow.id == source_id, _KEPT
+    )
+    return session.scalars(query).one_or_none()
+
+
+def listed(session: ReadSession, collection: CollectionNumber | None = None) -> Sequence[SourceRow]:
+    """Return the sources of a collection, or of all, by name."""
+    query = select(SourceRow).where(_KEPT).order_by(SourceRow.name, SourceRow.number)
+    return session.scalars(
+        query if collection is None else query.where(SourceRow.collection_number == collection)
+    ).all()
+
+
+def counts(session: ReadSession, number: int) -> dict[str, int]:
+    """Return the numbers of a source's files by state."""
+    query = select(SourceFileRow.state, func.count()).where(SourceFileRow.source_number == number)
+    return {state: many for state, many in session.execute(query.group_by(SourceFileRow.state))}  # noqa: C416
+
+
+def files(
+    session: ReadSession, number: int, state: FileState | None, *, after: int, limit: int
+) -> list[Row[SourceFileRow, str | None]]:
+    """Return the next files of a source after the file with a number, each with the id of its shape."""
+    shape = ShapeRow.number == SourceFileRow.shape_number
+    query = (
+        select(SourceFileRow, ShapeRow.id)
+        .outerjoin(ShapeRow, shape & NOT_DELETED)
+        .where(SourceFileRow.source_number == number, SourceFileRow.number > after)
+        .order_by(SourceFileRow.number)
+        .limit(limit)
+    )
+    return list(session.execute(query if state is None else query.where(SourceFileRow.state == state)))
+
+
+def change(session: WriteSession, number: int, values: Mapping[str, Any]) -> None:
+    """Write columns of a source."""
+    session.execute(update(SourceRow).where(SourceRow.number == number).values(values))
+
+
+def claim(session: WriteSession, number: int, runner: str) -> SourceRow | None:
+    """Take over a source that no living service scans, for a scan; None if there is none."""
+    now = datetime.now(UTC)
+    is_over = or_(SourceRow.leased_until <= now, SourceRow.leased_until > now + LONGEST_LEASE)
+    free = or_(SourceRow.leased_until.is_(None), is_over)
+    row = session.scalars(select(SourceRow).where(SourceRow.number == number, _KEPT, free)).one_or_none()
+    if row is not None:
+        row.runner, row.leased_until, row.requested, row.report = runner, now + LEASE, False, {}
+    return row
+
+
+def renew(session: WriteSession, number: int, runner: str, report: Mapping[str, Any]) -> None:
+    """Renew the lease of a scan, and write its counts.
+
+    Raises
+    ------
+    SourceLostError
+    """
+    lease = update(SourceRow).where(SourceRow.number == number, SourceRow.runner == runner, _KEPT)
+    values = {"leased_until": datetime.now(UTC) + LEASE, "report": dict(report)}
+    if session.execute(lease.values(values).returning(SourceRow.number)).one_or_none() is None:
+        raise SourceLostError
+
+
+def release(session: WriteSession, number: int, runner: str, values: Mapping[str, Any]) -> None:
+    """End a scan, with columns of the source that it leaves."""
+    mine = update(SourceRow).where(SourceRow.number == number, SourceRow.runner == runner)
+    session.execute(mine.values(runner=None, leased_until=None, **values))
+
+
+def require(session: ReadSession, number: int) -> None:
+    """Raise SourceLostError if the source was removed."""
+    if session.scalar(select(SourceRow.number).where(SourceRow.number == number, _KEPT)) is None:
+        raise SourceLostError
+
+
+def known_files(session: ReadSession, number: int) -> dict[str, KnownFile]:
+    """Return the files of a source by their keys."""
+    columns = [getattr(SourceFileRow, name) for name in KnownFile.__dataclass_fields__]
+    rows = session.execute(select(*columns).where(SourceFileRow.source_number == number))
+    return {row.key: KnownFile(*row) for row in rows}
+
+
+def write(
+    session: WriteSession,
+    source: int,
+    key: str,
+    found: FoundFile,
+    known: KnownFile | None,
+    values: Mapping[str, Any],
+) -> None:
+    """Write a file as it was found, with further columns, in place of what was known of its path."""
+    columns = {**as_found(found), "kind": None, "detail": None, "missing_since": None, **values}
+    if known is not None:
+        session.execute(update(SourceFileRow).where(SourceFileRow.number == known.number).values(columns))
+    else:
+        session.execute(insert(SourceFileRow).values(source_number=source, key=key, **columns))
+
+
+def add_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Add files; `rows` have all columns."""
+    session.execute(insert(SourceFileRow), [dict(row) for row in rows])
+
+
+def update_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the same columns of several files, each given with its `number`."""
+    session.execute(update(SourceFileRow), [dict(row) for row in rows])
+
+
+def forget(session: WriteSession, numbers: Collection[int]) -> None:
+    """Delete files, but not their shapes."""
+    session.execute(delete(SourceFileRow).where(SourceFileRow.number.in_(numbers)))
+
+
+def as_found(found: FoundFile) -> dict[str, Any]:
+    """Return the columns of a file that its folder tells."""
+    return {name: getattr(found, name) for name in ("path", "size", "mtime_ns", "device", "inode")}
+
+
+def shape_with(
+    session: ReadSession, collection: CollectionNumber, sha256: str, format: str
+) -> Row[int, str, bool, bool, bool] | None:
+    """Return the shape of some bytes that a source has: `number`, `id`, `owned`, `deleted` and `removed`.
+
+    `deleted` tells that it is deleted, and `removed` that its source was removed.
+    """
+    deleted = ShapeRow.deleted_at.is_not(None)
+    query = (
+        select(
+            ShapeRow.number,
+            ShapeRow.id,
+            SourceFileRow.owned,
+            deleted.label("deleted"),
+            SourceRow.removed_at.is_not(None).label("removed"),
+        )
+        .select_from(SourceFileRow)
+        .join(ShapeRow, ShapeRow.number == SourceFileRow.shape_number)
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .where(SourceFileRow.sha256 == sha256, ShapeRow.format == format)
+        .where(ShapeRow.collection_number == collection)
+        .order_by(deleted, SourceFileRow.number)
+        .limit(1)
+    )
+    return session.execute(query).one_or_none()
+
+
+def others_with(session: ReadSession, shape_number: int, number: int) -> int:
+    """Return how many other files than one have a shape."""
+    query = select(func.count()).where(
+        SourceFileRow.shape_number == shape_number, SourceFileRow.number != number
+    )
+    return session.scalar(query) or 0
+
+
+def present_paths(
+    session: ReadSession, shapes: Iterable[int], besides: Collection[int]
+) -> dict[int, list[str]]:
+    """Return the paths of the present files of shapes, besides those of some files, by shape."""
+    query = (
+        select(SourceFileRow.shape_number, SourceFileRow.path, SourceFileRow.number)
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .where(SourceFileRow.shape_number.in_(list(shapes)), SourceFileRow.state != "missing", _KEPT)
+    )
+    paths: dict[int, list[str]] = {}
+    for shape, path, number in session.execute(query):
+        if number not in besides and shape is not None:
+            paths.setdefault(shape, []).append(path)
+    return paths
+
+
+def missing_until(session: ReadSession, number: int, moment: datetime, limit: int) -> Sequence[int]:
+    """Return at most `limit` files of a source that are missing since a time, or longer."""
+    query = select(SourceFileRow.number).where(
+        SourceFileRow.source_number == number,
+        SourceFileRow.state == "missing",
+        SourceFileRow.missing_since <= moment,
+    )
+    return session.scalars(query.order_by(SourceFileRow.number).limit(limit)).all()
+
+
+def some_files(session: ReadSession, number: int, after: int, limit: int) -> Sequence[int]:
+    """Return the next files of a source after one."""
+    query = select(SourceFileRow.number).where(
+        SourceFileRow.source_number == number, SourceFileRow.number > after
+    )
+    return session.scalars(query.order_by(SourceFileRow.number).limit(limit)).all()
+
+
+def lone_shapes(session: ReadSession, numbers: Collection[int]) -> list[ShapeRecord]:
+    """Return the shapes that sources stored for some files, and that no other file of a source has."""
+    other = SourceFileRow.__table__.alias()
+    elsewhere = (
+        select(other.c.number)
+        .join(SourceRow, SourceRow.number == other.c.source_number)
+        .where(other.c.shape_number == SourceFileRow.shape_number, other.c.number.not_in(numbers), _KEPT)
+    )
+    query = (
+        select(ShapeRow.collection_number, ShapeRow.number)
+        .join(SourceFileRow, SourceFileRow.shape_number == ShapeRow.number)
+        .where(SourceFileRow.number.in_(numbers), SourceFileRow.owned, NOT_DELETED, ~elsewhere.exists())
+        .distinct()
+    )
+    by_collection: dict[int, list[int]] = {}
+    for collection, shape in session.execute(query):
+        by_collection.setdefault(collection, []).append(shape)
+    return [
+        record
+        for collection, shapes in by_collection.items()
+        for record in shapes_repository.records(session, CollectionNumber(collection), shapes)
+    ]
+
+
+def removed(session: ReadSession) -> Sequence[SourceRow]:
+    """Return the sources that were removed."""
+    return session.scalars(select(SourceRow).where(~_KEPT).order_by(SourceRow.number)).all()
+
+
+def erase(session: WriteSession, number: int) -> None:
+    """Delete a source and what is known of its files."""
+    session.execute(delete(SourceRow).where(SourceRow.number == number))
+
+
+def collection_of(session: ReadSession, number: int) -> CollectionNumber:
+    """Return the collection of a source."""
+    query = select(SourceRow.collection_number).where(SourceRow.number == number)
+    return CollectionNumber(session.scalars(query).one())

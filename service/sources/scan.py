@@ -1,0 +1,485 @@
+"""One scan of a source: what its folder has, compared with what the archive knows, and stored.
+
+Each transaction leaves a state from which the next scan goes on, so that a scan may end at any time. Changed
+files come first, then new paths, then vanished files: a file that was moved has its new path by then.
+"""
+
+import asyncio
+import hashlib
+import threading
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+from anyio import to_thread
+from starlette.concurrency import run_in_threadpool
+
+from core.errors import CoreError
+from core.io import FORMATS, format_of
+from service.collection import CollectionNumber
+from service.compute.request_queue import together
+from service.container import Container
+from service.errors import (
+    BadRequestFieldsError,
+    FieldFault,
+    FileTimeLimitError,
+    FileTooLargeError,
+    NameTakenError,
+    ServiceError,
+    ShapeNotFoundError,
+    WorkerLostError,
+)
+from service.shapes import repository as shapes_repository
+from service.shapes import service as shapes_service
+from service.shapes.fields import base_name, clean_name
+from service.shapes.records import NewFile, NewShape, StoredShape
+from service.shapes.schemas import ShapeChanges
+from service.shapes.service import Put, ingest, store_files
+from service.sources import repository
+from service.sources.comparison import Differences, compare, has_lost_half, same_files
+from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
+from service.sources.repository import AT_ONCE, KnownFile
+from service.sources.schemas import Scan as Report
+from service.sources.walk import FoundFile, RootMissingError, Tree, find_files
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import SourceRow
+
+T = TypeVar("T")
+
+UNREAD = 100
+# Requests have priority, but a file waits no longer than this for a worker.
+PATIENCE_SECONDS = 5.0
+ROOM_SECONDS = 0.02
+# Lack of memory, rather than the file, may have killed a worker.
+TRIES = 2
+# Errors that the file causes.
+REFUSED = (CoreError, FileTimeLimitError, BadRequestFieldsError, FileTooLargeError, WorkerLostError)
+
+
+class OfflineError(Exception):
+    """The folder is absent or empty, or has lost more than half of its files; the message tells which."""
+
+
+def endings() -> frozenset[str]:
+    """Return the endings of the files that are read."""
+    return frozenset(ending for format in FORMATS.values() if format.is_read for ending in format.endings)
+
+
+class SourceScan:
+    """The scan of one source, which this service has claimed; `report` counts what it does."""
+
+    def __init__(self, container: Container, source: SourceRow) -> None:
+        self._container, self._database = container, container.database
+        self._source, self._root = source, Path(source.root)
+        self._collection = CollectionNumber(source.collection_number)
+        self.report = Report()
+        self._locks: dict[str, asyncio.Lock] = {}
+        self._active = 0
+        self._stopped = threading.Event()
+
+    async def run(self) -> None:
+        """Bring the archive up to the folder.
+
+        Raises
+        ------
+        OfflineError
+            Nothing was taken for deleted.
+        SourceLostError
+            The source was removed.
+        ServiceError
+            The database or the workers are not available; the next scan goes on.
+        """
+        start = time.monotonic()
+        try:
+            await self._scan()
+        finally:
+            self._stopped.set()
+            self.report.seconds = round(time.monotonic() - start, 3)
+
+    async def _scan(self) -> None:
+        known = await self._database.reading(repository.known_files, self._source.number)
+        is_expected = any(file.state != "missing" for file in known.values())
+        confirmed = self._source.confirmed
+        try:
+            tree = await to_thread.run_sync(
+                find_files, self._root, endings(), self._stopped.is_set, abandon_on_cancel=True
+            )
+        except RootMissingError as error:
+            if not is_expected:
+                await self._forget_long_missing()
+            if not (is_expected and confirmed):
+                raise OfflineError(f"the folder cannot be listed: {error}") from error
+            tree = Tree()
+        self.report.found = len(tree.files)
+        self.report.unread = dict(islice(sorted(tree.unread.items()), UNREAD))
+        if is_expected and not (tree.files or tree.unread or confirmed):
+            raise OfflineError("the folder has no mesh file")
+        differences = await run_in_threadpool(compare, known, tree)
+        await self._settle_unchanged(differences)
+        await self._settle_changed(differences)
+        await self._settle_new(differences)
+        await self._settle_vanished(differences.vanished, known, tree)
+        await self._forget_long_missing()
+
+    async def _settle_unchanged(self, differences: Differences) -> None:
+        """Have unchanged files that were missing back, and write other spellings of paths."""
+        for batch in _batches(differences.back):
+            rows = [
+                {
+                    "number": file.number,
+                    "path": found.path,
+                    "state": "present" if file.state == "missing" else file.state,
+                    "missing_since": None,
+                }
+                for file, found in batch
+            ]
+            await self._database.writing(repository.update_all, rows)
+
+    async def _settle_changed(self, differences: Differences) -> None:
+        """Store changed files, after those that were moved over the path of another."""
+        read = await self._settle_exchanged(differences)
+        await self._each(iter(read), lambda pair: self._settle(pair[0].key, pair[1], pair[0]))
+
+    async def _settle_exchanged(self, differences: Differences) -> list[tuple[KnownFile, FoundFile]]:
+        """Return the changed files whose bytes are those of no file that has vanished or changed.
+
+        A file that was moved over the path of another brings its shape. What was at the path has vanished, or
+        has the path of the moved file if they changed places.
+        """
+        movers = {
+            file.sha256: file
+            for file in [*differences.vanished, *(file for file, _ in differences.changed)]
+            if file.sha256 is not None and file.shape_number is not None
+        }
+        current = {file.number: file for file in movers.values()}
+        rest = []
+        for earlier, found in differences.changed:
+            known = current.get(earlier.number, earlier)
+            try:
+                sha256 = _sha256(await run_in_threadpool(self._read, found))
+            except (FileInMotionError, FileTooLargeError, FileUnreadableError):
+                rest.append((known, found))
+                continue
+            mover = movers.get(sha256)
+            if known.sha256 == sha256 and known.state != "unreadable":
+                await self._database.writing(self._touch, found, known)
+                movers.pop(sha256, None)
+                self.report.moved += known is not earlier
+            elif mover is None or mover.number == known.number or _format(mover.path) != _format(found.path):
+                rest.append((known, found))
+            else:
+                moved = await self._database.writing(self._exchange, found, known, mover)
+                current[mover.number] = moved
+                del movers[sha256]
+                if moved.sha256 is not None:
+                    movers[moved.sha256] = moved
+                self.report.moved += 1
+        return [(current.get(known.number, known), found) for known, found in rest]
+
+    async def _settle_new(self, differences: Differences) -> None:
+        """Store new paths: those of known files by their inodes, the others by their bytes."""
+        await self._add_known(differences)
+        heads: dict[tuple[int, ...], str] = {}
+        for key, found in differences.new.items():
+            heads.setdefault((found.device, *found.same_bytes), key)
+        first = {key: differences.new[key] for key in heads.values()}
+        await self._each(iter(first.items()), lambda item: self._settle(*item, None))
+        if len(first) < len(differences.new):
+            for key in first:
+                del differences.new[key]
+            await self._add_known(differences)
+
+    async def _add_known(self, differences: Differences) -> None:
+        """Add the new paths of known files, and take them from the new ones."""
+        known = await self._database.reading(repository.known_files, self._source.number)
+        same = same_files(known, differences)
+        for batch in _batches(list(same.items())):
+            rows = [
+                {
+                    "source_number": self._source.number,
+                    "key": key,
+                    **repository.as_found(found),
+                    "sha256": file.sha256,
+                    "shape_number": file.shape_number,
+                    "owned": file.owned,
+                    "state": "present" if file.state == "missing" else file.state,
+                    "kind": None,
+                    "detail": None,
+                    "missing_since": None,
+                }
+                for key, (found, file) in batch
+                if _format(found.path) == _format(file.path)
+            ]
+            if rows:
+                await self._database.writing(self._add_all, rows)
+            for row in rows:
+                del differences.new[row["key"]]
+            self.report.copies += len(rows)
+
+    def _add_all(self, session: WriteSession, rows: Sequence[dict[str, Any]]) -> None:
+        repository.require(session, self._source.number)
+        repository.add_all(session, rows)
+
+    async def _settle(self, key: str, found: FoundFile, known: KnownFile | None) -> None:
+        """Read a file, and store it unless its bytes are known."""
+        try:
+            data = await run_in_threadpool(self._read, found)
+        except FileInMotionError:
+            self.report.left += 1
+            return
+        except (FileTooLargeError, FileUnreadableError) as error:
+            await self._refuse(key, found, known, None, error)
+            return
+        file = NewFile(data, _format(found.path), in_place=not self._source.copies)
+        sha256 = await run_in_threadpool(_sha256, data)
+        async with self._alone(sha256):
+            for tries_left in reversed(range(TRIES)):
+                try:
+                    await self._store(key, found, known, file)
+                    break
+                except REFUSED as error:
+                    if not (isinstance(error, WorkerLostError) and tries_left):
+                        await self._refuse(key, found, known, sha256, error)
+                        break
+        self.report.done += 1
+
+    def _read(self, found: FoundFile) -> bytes:
+        return read_file(self._root, found, self._container.settings.max_upload_bytes)
+
+    async def _store(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
+        """Store a file as the shape of its path, or as another path of the shape that has its bytes."""
+        if known is not None and await self._replace(key, found, known, file):
+            return
+        shape = await self._database.reading(
+            repository.shape_with, self._collection, file.sha256, file.format
+        )
+        if shape is not None and shape.deleted and shape.removed:
+            # The source of the shape was removed: adding the folder again brings it back.
+            with suppress(CoreError, NameTakenError, ShapeNotFoundError):
+                await shapes_service.restore(self._container, self._collection, shape.id)
+        if shape is not None:
+            values = _present(file, shape.number, owned=shape.owned)
+            await self._database.writing(self._put, key, found, known, values)
+            self.report.copies += 1
+            return
+        await self._ingest(key, found, known, file)
+
+    async def _ingest(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
+        """Store a file as a new shape, by the name of the file."""
+        try:
+            name = clean_name(base_name(found.path))
+        except ValueError as error:
+            raise BadRequestFieldsError(FieldFault("name", str(error))) from error
+        new = NewShape(
+            file.data,
+            file.format,
+            self._collection,
+            name,
+            tuple(self._source.tags),
+            {},
+            in_place=file.in_place,
+        )
+
+        def record(session: WriteSession, stored: StoredShape) -> None:
+            values = _present(file, stored.shape.number, owned=stored.created)
+            self._put(session, key, found, known, values)
+
+        async with self._worker():
+            await ingest(self._container, new, also=record)
+        self.report.stored += 1
+
+    async def _replace(self, key: str, found: FoundFile, known: KnownFile, file: NewFile) -> bool:
+        """Give the shape of a path its changed file; return whether the path has its shape."""
+        if known.shape_number is None or not known.owned:
+            return False
+        number = known.shape_number
+        if await self._database.reading(repository.others_with, number, known.number):
+            return False
+
+        def store(session: WriteSession, put: Put) -> bool:
+            record = next(iter(shapes_repository.records(session, self._collection, [number])), None)
+            if record is None:
+                return False
+            holder = shapes_repository.same(session, self._collection, file, record.name)
+            if holder is not None and holder.number != number:
+                return False
+            if holder is None:
+                shapes_repository.replace_file(session, record, file.format, put(file))
+            self._put(session, key, found, known, _present(file, number, owned=True))
+            return True
+
+        async with self._worker():
+            replaced, _ = await store_files(self._container, [file], store)
+        self.report.changed += replaced
+        return replaced
+
+    def _exchange(
+        self, session: WriteSession, found: FoundFile, known: KnownFile, mover: KnownFile
+    ) -> KnownFile:
+        """Exchange the shapes of a path and of the file that was moved there; return that file as it is."""
+        repository.require(session, self._source.number)
+        names = ("sha256", "shape_number", "owned")
+        own, other = ({name: getattr(file, name) for name in names} for file in (known, mover))
+        row = {"number": known.number, **repository.as_found(found), "state": "present", **other}
+        repository.update_all(session, [{**row, "kind": None, "detail": None, "missing_since": None}])
+        repository.update_all(session, [{"number": mover.number, **own}])
+        return replace(mover, **own)
+
+    def _touch(self, session: WriteSession, found: FoundFile, known: KnownFile) -> None:
+        """Write the time and the inode of a file whose bytes are unchanged."""
+        state = "present" if known.state == "missing" else known.state
+        row = {"number": known.number, **repository.as_found(found), "state": state, "missing_since": None}
+        repository.update_all(session, [row])
+
+    def _put(
+        self,
+        session: WriteSession,
+        key: str,
+        found: FoundFile,
+        known: KnownFile | None,
+        values: Mapping[str, Any],
+    ) -> None:
+        repository.require(session, self._source.number)
+        if known is not None and known.shape_number != values["shape_number"]:
+            # What its path had is deleted, unless another path has it.
+            for record in repository.lone_shapes(session, [known.number]):
+                shapes_service.delete(
+                    session, self._collection, record.id, self._container.settings.undo_time
+                )
+        repository.write(session, self._source.number, key, found, known, values)
+
+    async def _refuse(
+        self, key: str, found: FoundFile, known: KnownFile | None, sha256: str | None, error: Exception
+    ) -> None:
+        """Write why a file has no shape. The shape that its path had stays."""
+        assert isinstance(error, CoreError | ServiceError)
+        values: dict[str, Any] = {
+            "sha256": sha256,
+            "shape_number": None if known is None else known.shape_number,
+            "owned": known is not None and known.owned,
+            "state": "unreadable" if isinstance(error, FileUnreadableError) else "refused",
+            "kind": error.kind,
+            "detail": str(error)[: repository.DETAIL_CHARACTERS],
+        }
+        if isinstance(error, FileUnreadableError) and known is not None:
+            values["sha256"] = known.sha256
+        await self._database.writing(self._put, key, found, known, values)
+        self.report.refused += 1
+
+    async def _settle_vanished(
+        self, vanished: Sequence[KnownFile], known: dict[str, KnownFile], tree: Tree
+    ) -> None:
+        """Forget the old paths of moved files, and have the others missing unless too many are."""
+        current = await self._database.reading(repository.known_files, self._source.number)
+        rows = [current[file.key] for file in vanished if file.key in current]
+        lost: list[KnownFile] = []
+        numbers = {file.number for file in rows}
+        for batch in _batches(rows):
+            lost += await self._database.writing(self._forget_moved, batch, numbers)
+        gone = [file for file in lost if file.state != "missing"]
+        if gone and not self._source.confirmed and has_lost_half(known, gone, tree):
+            raise OfflineError(f"{len(gone)} files are gone, more than half")
+        now = datetime.now(UTC)
+        for batch in _batches(gone):
+            missing = [{"number": file.number, "state": "missing", "missing_since": now} for file in batch]
+            await self._database.writing(repository.update_all, missing)
+        self.report.missing = len(gone)
+
+    def _forget_moved(
+        self, session: WriteSession, batch: Sequence[KnownFile], vanished: Collection[int]
+    ) -> list[KnownFile]:
+        """Forget files without a shape, and those whose shape has another path; return the others."""
+        shapes = {file.shape_number for file in batch if file.shape_number is not None}
+        paths = repository.present_paths(session, shapes, vanished)
+        for file in batch:
+            others = paths.get(file.shape_number or 0, [])
+            self.report.moved += bool(others)
+            if len(others) == 1:
+                self._rename(session, file, others[0])
+        lost = [file for file in batch if file.shape_number is not None and file.shape_number not in paths]
+        repository.forget(session, {file.number for file in batch} - {file.number for file in lost})
+        return lost
+
+    def _rename(self, session: WriteSession, file: KnownFile, path: str) -> None:
+        """Give a shape that has the name of its file the new one, unless it is taken."""
+        assert file.shape_number is not None
+        record = next(iter(shapes_repository.records(session, self._collection, [file.shape_number])), None)
+        with suppress(ValueError, NameTakenError):
+            if record is None or record.name != clean_name(base_name(file.path)):
+                return
+            changes = ShapeChanges(name=clean_name(base_name(path)))
+            shapes_service.change(session, self._collection, record.id, changes, self._collection)
+
+    async def _forget_long_missing(self) -> None:
+        """Erase the shapes of files that have been missing for as long as deletions can be undone."""
+        until = datetime.now(UTC) - self._container.settings.undo_time
+        look = partial(repository.missing_until, number=self._source.number, moment=until, limit=AT_ONCE // 5)
+
+        def erase(session: WriteSession) -> bool:
+            numbers = look(session)
+            for record in repository.lone_shapes(session, numbers):
+                shapes_repository.erase_shape(session, record)
+            repository.forget(session, numbers)
+            return bool(numbers)
+
+        def any_missing(session: ReadSession) -> bool:
+            return bool(look(session))
+
+        while await self._database.reading(any_missing):
+            await self._database.writing(erase)
+
+    async def _each(self, items: Iterator[T], work: Callable[[T], Awaitable[None]]) -> None:
+        """Work on items, as many at a time as there are workers."""
+
+        async def take() -> None:
+            for item in items:
+                await work(item)
+
+        await together(take() for _ in range(self._container.settings.workers))
+
+    @asynccontextmanager
+    async def _alone(self, sha256: str) -> AsyncIterator[None]:
+        """Let one of the files with the same bytes be stored at a time: the next finds its shape."""
+        lock = self._locks.setdefault(sha256, asyncio.Lock())
+        async with lock:
+            yield
+        if not lock.locked():
+            self._locks.pop(sha256, None)
+
+    @asynccontextmanager
+    async def _worker(self) -> AsyncIterator[None]:
+        """Wait for a worker that no request needs, and count it until the end of the block."""
+        queue, since = self._container.queue, time.monotonic()
+        while queue.inside + self._active >= self._container.settings.workers:
+            if not self._active and time.monotonic() - since > PATIENCE_SECONDS:
+                break
+            await asyncio.sleep(ROOM_SECONDS)
+        self._active += 1
+        try:
+            yield
+        finally:
+            self._active -= 1
+
+
+def _batches(items: Sequence[T]) -> Iterator[Sequence[T]]:
+    for start in range(0, len(items), AT_ONCE):
+        yield items[start : start + AT_ONCE]
+
+
+def _present(file: NewFile, shape_number: int, *, owned: bool) -> dict[str, Any]:
+    """Return the columns of a file that is a shape."""
+    return {"sha256": file.sha256, "shape_number": shape_number, "owned": owned, "state": "present"}
+
+
+def _format(path: str) -> str:
+    return format_of(base_name(path))
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

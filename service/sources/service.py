@@ -1,0 +1,145 @@
+"""Operations on sources: add, list, read, scan, confirm and remove.
+
+Functions that take the id of a source raise SourceNotFoundError if the collection has no such source.
+"""
+
+import os
+import uuid
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from service.collection import CollectionNumber
+from service.errors import SourceNotFoundError, SourceRefusedError
+from service.shapes import service as shapes_service
+from service.shapes.schemas import write_cursor
+from service.sources import repository
+from service.sources.schemas import FileState, NewSource, Source, SourceFile, SourceFilePage, Sources
+from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.tables import SourceRow
+
+AT_ONCE = 100
+"""Files whose shapes one transaction deletes."""
+
+
+def real_folder(path: str, allowed: Sequence[str]) -> Path:
+    """Return the real path of a folder inside one of some folders.
+
+    Raises
+    ------
+    SourceRefusedError
+        The path is no folder, or is outside.
+    """
+    if not os.path.isabs(path):
+        raise SourceRefusedError(f"{path!r} is not an absolute path")
+    real = Path(os.path.realpath(path))
+    # Of a folder outside it is not even told whether it exists.
+    if not any(real.is_relative_to(os.path.realpath(root)) for root in allowed):
+        raise SourceRefusedError(
+            f"{path!r} is in none of the folders of ISOSHAPE_SOURCE_ROOTS; on the machine of the service, "
+            "`isoshape library add` with the address of the database adds any folder"
+        )
+    if not real.is_dir():
+        raise SourceRefusedError(f"{path!r} is not a folder")
+    return real
+
+
+def add(session: WriteSession, collection: CollectionNumber, new: NewSource, root: Path) -> Source:
+    """Add a folder, whose first scan is asked for.
+
+    Raises
+    ------
+    SourceRefusedError
+        The collection has the folder, or another source of the name.
+    """
+    name = new.name or root.name or "root"
+    for other in repository.listed(session, collection):
+        if other.root == str(root):
+            raise SourceRefusedError(f"the folder is the source {other.name!r} already")
+        if other.name == name:
+            raise SourceRefusedError(f"another source has the name {name!r}; give this one a name")
+    values = {"id": str(uuid.uuid4()), "name": name, "root": str(root), "copies": new.copies}
+    return _shown(session, repository.add(session, collection, {**values, "tags": list(new.tags)}))
+
+
+def list_all(session: ReadSession, collection: CollectionNumber) -> Sources:
+    """Return the sources of a collection by name."""
+    return Sources(sources=[_shown(session, row) for row in repository.listed(session, collection)])
+
+
+def get(session: ReadSession, collection: CollectionNumber, source_id: str) -> Source:
+    """Return a source."""
+    return _shown(session, _row(session, collection, source_id))
+
+
+def list_files(
+    session: ReadSession,
+    collection: CollectionNumber,
+    source_id: str,
+    state: FileState | None,
+    *,
+    after: int,
+    limit: int,
+) -> SourceFilePage:
+    """Return one page of the files of a source."""
+    source = _row(session, collection, source_id)
+    rows = repository.files(session, source.number, state, after=after, limit=limit + 1)
+    counts = repository.counts(session, source.number)
+    return SourceFilePage(
+        files=[SourceFile.of(file, shape_id) for file, shape_id in rows[:limit]],
+        total=sum(counts.values()) if state is None else counts.get(state, 0),
+        next_cursor=write_cursor(rows[limit - 1][0].number) if len(rows) > limit else None,
+    )
+
+
+def ask_for_scan(
+    session: WriteSession, collection: CollectionNumber, source_id: str, *, confirmed: bool = False
+) -> Source:
+    """Ask for a scan; with `confirmed`, one that takes files for deleted which an offline folder lacks."""
+    source = _row(session, collection, source_id)
+    source.requested = True
+    source.confirmed = source.confirmed or confirmed
+    session.flush()
+    return _shown(session, source)
+
+
+def begin_removal(session: WriteSession, collection: CollectionNumber, source_id: str) -> int:
+    """Remove a source from the lists and end its scan; return its number, for `delete_shapes`."""
+    source = _row(session, collection, source_id)
+    source.removed_at = datetime.now(UTC)
+    return source.number
+
+
+def delete_shapes(database: Database, number: int, keep: timedelta) -> None:
+    """Delete the shapes of a removed source that no other source has; they can be restored for `keep`."""
+    after = 0
+    while True:
+        with database.write(deleting=True) as session:
+            files = repository.some_files(session, number, after, AT_ONCE)
+            if not files:
+                return
+            for record in repository.lone_shapes(session, files):
+                shapes_service.delete(session, repository.collection_of(session, number), record.id, keep)
+            after = files[-1]
+
+
+def forget_removed(database: Database, keep: timedelta) -> None:
+    """Finish removals, and forget the sources that were removed before `keep`."""
+    with database.read() as session:
+        numbers = [(source.number, source.removed_at) for source in repository.removed(session)]
+    for number, removed_at in numbers:
+        delete_shapes(database, number, keep)
+        if removed_at is not None and removed_at <= datetime.now(UTC) - keep:
+            with database.write(deleting=True) as session:
+                repository.erase(session, number)
+
+
+def _row(session: ReadSession, collection: CollectionNumber, source_id: str) -> SourceRow:
+    source = repository.by_id(session, collection, source_id)
+    if source is None:
+        raise SourceNotFoundError(source_id)
+    return source
+
+
+def _shown(session: ReadSession, source: SourceRow) -> Source:
+    return Source.of(source, repository.counts(session, source.number))
