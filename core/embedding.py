@@ -199,6 +199,8 @@ class DenseCorrespondence:
         Whether the other surface has a corresponding place.
     scale : float
         Length on the other mesh over length on this mesh, > 0.
+    maps : int
+        Different maps that fit about equally well, this one counted: more than 1 if the shape is symmetric.
     simplified : bool
         Whether the correspondence was computed on simplified copies of the two meshes and transferred.
     """
@@ -209,4 +211,5 @@ class DenseCorrespondence:
     displacement: Float32s | None
     partnered: NDArray[np.bool_]
     scale: float
+    maps: int
     simplified: bool

@@ -86,6 +86,8 @@ class SurfaceMap:
         The partners of the vertices of both.
     scale : float
         Length on the second given mesh over length on the first, > 0.
+    maps : int
+        Different functional maps that fit about equally well, at least 1: more if the shape is symmetric.
     """
 
     surfaces: tuple[WorkingSurface, WorkingSurface]
@@ -93,13 +95,14 @@ class SurfaceMap:
     motion: Similarity | None
     partners: tuple[Partners, Partners]
     scale: float
+    maps: int
 
     def correspondences(self) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Return the correspondence of the given meshes, from the first to the second and back."""
         (first, second), (forward, backward) = self.surfaces, self.partners
         return (
-            _on_given(forward, first, second, self.scale),
-            _on_given(backward, second, first, 1.0 / self.scale),
+            _on_given(forward, first, second, self.scale, self.maps),
+            _on_given(backward, second, first, 1.0 / self.scale, self.maps),
         )
 
 
@@ -157,7 +160,7 @@ def surface_map(
     # Pair all vertices by functional maps.
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
     starts = [_vertices(surfaces, some) for some in pairs]
-    rotation = functional_map(*bases, starts, mirrored, held)
+    rotation, count = functional_map(*bases, starts, mirrored, held)
     size = len(rotation)
     rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
     maps = _vertex_maps(*rows)
@@ -165,13 +168,14 @@ def surface_map(
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])
         backward = _mapped_partners(second, samples[1].unit, maps[1])
-        return SurfaceMap(surfaces, rows, None, (forward, backward), _scale(surfaces, (forward, backward)))
+        scale = _scale(surfaces, (forward, backward))
+        return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count)
     registered = _registered(first, second, samples, motion)
     reversed_ = _registered(second, first, samples[::-1], motion.inverse)
     forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
     backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
     whole = units[0].then(motion).then(units[1].inverse)
-    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units)
+    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units, count)
 
 
 def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> Ints:
@@ -260,7 +264,7 @@ def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[Part
 
 
 def _on_given(
-    partners: Partners, surface: WorkingSurface, other: WorkingSurface, scale: float
+    partners: Partners, surface: WorkingSurface, other: WorkingSurface, scale: float, maps: int
 ) -> DenseCorrespondence:
     """Return the correspondence brought from the working surfaces to the given meshes."""
     nearest, displacement = surface.nearest, partners.displacement
@@ -271,6 +275,7 @@ def _on_given(
         displacement=None if displacement is None else displacement[nearest].astype(np.float32),
         partnered=partners.partnered[nearest],
         scale=scale,
+        maps=maps,
         simplified=surface.simplified or other.simplified,
     )
 

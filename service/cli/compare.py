@@ -2,6 +2,7 @@
 
 import json
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -56,8 +57,10 @@ def compare_command(
         else:
             answer = client.compare(*pair, points=marks.points, landmarks=marks.pairs)
         if out is not None:
-            out.write_bytes(client.send(calls.dense_file(*pair, "npz")))
+            archive = client.send(calls.dense_file(*pair, "npz"))
+            out.write_bytes(archive)
             say(f"wrote {out}")
+            _say_ambiguous(_maps_in(archive))
             if picture:
                 drawn = out.with_suffix(".png")
                 drawn.write_bytes(client.send(calls.dense_file(*pair, "png", paint)))
@@ -66,9 +69,24 @@ def compare_command(
         typer.echo(json.dumps(answer.model_dump(mode="json", exclude_none=True)))
     elif marks is not None and answer.transferred is not None:
         typer.echo(transferred_csv(marks.names, answer.transferred), nl=False)
+        _say_ambiguous(answer.maps or 1)
         say(_line(answer))
     else:
         output().print(_line(answer))
+
+
+def _maps_in(archive: bytes) -> int:
+    """Return the number of maps that an archive of arrays tells."""
+    # Not at the top: only --out needs it.
+    import numpy as np  # noqa: PLC0415
+
+    with np.load(BytesIO(archive)) as arrays:
+        return int(arrays["maps"])
+
+
+def _say_ambiguous(maps: int) -> None:
+    if maps > 1:
+        say(f"ambiguous: {maps} maps fit about equally well; landmarks of both shapes tell them apart")
 
 
 def _shape(argument: str) -> Compared:

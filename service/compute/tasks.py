@@ -241,6 +241,7 @@ def correspondence_archive(way: DenseCorrespondence) -> bytes:
         "confidence": way.confidence,
         "stretch": way.stretch,
         "partnered": way.partnered,
+        "maps": np.int32(way.maps),
     }
     if way.displacement is not None:
         arrays["displacement"] = way.displacement

@@ -39,7 +39,7 @@ from service.rendering.colours import Paint
 from service.rendering.tasks import FACES, MEDIA_TYPE, ShownMesh
 from service.search.answer import with_active_pipeline
 from service.search.caches import collection_sample
-from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields
+from service.search.compare_schemas import DENSE, CompareAnswer, CompareRequest, dense_fields, map_fields
 from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
@@ -90,8 +90,8 @@ class CompareParameters(NamedInAddress):
         default="json",
         description="glb: both meshes side by side, with corresponding points in equal colours. html: a "
         "page with the two shapes, for a browser that may read them from this service. npz, with dense: a "
-        "NumPy archive of the arrays vertices and confidence, and stretch, partnered and, where there is "
-        "one, displacement. png, with dense: a picture of both shapes.",
+        "NumPy archive of the arrays vertices, confidence, stretch, partnered and, where there is one, "
+        "displacement, and of the number of maps. png, with dense: a picture of both shapes.",
     )
     dense: bool = Field(default=False, description=DENSE)
     paint: Paint = Field(
@@ -250,7 +250,7 @@ async def _compare(
         return Response(await do(tasks.correspondence_archive, ways[0]), media_type=ZIP)
     # The answer of a large mesh takes longer to write than the event loop may wait.
     transferred = None if found is None else answer_of(found)
-    fields = dense_fields(ways) if dense else {}
+    fields = dense_fields(ways) if dense else map_fields(ways[0])
     text = await run_in_threadpool(lambda: in_json(transferred=transferred, **fields).model_dump_json())
     return Response(text, media_type="application/json")
 

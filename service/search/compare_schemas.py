@@ -58,6 +58,15 @@ class DenseFields(BaseModel):
     length_ratio: float | None = Field(
         default=None, description="With dense: a length on the second shape over the same on the first."
     )
+    maps: int | None = Field(
+        default=None,
+        description="With dense, landmarks or transfer: how many different maps fit about equally well, 1 "
+        "unless the shape is symmetric.",
+    )
+    ambiguous: bool | None = Field(
+        default=None,
+        description="Whether there are several such maps, of which one is given: landmarks tell them apart.",
+    )
     simplified: bool | None = Field(
         default=None,
         description="With dense: whether a mesh is so large that the correspondence was computed on "
@@ -71,10 +80,16 @@ class DenseFields(BaseModel):
     )
 
 
+def map_fields(way: "DenseCorrespondence") -> dict[str, Any]:
+    """Return the fields of a correspondence that are no values at vertices."""
+    return {"maps": way.maps, "ambiguous": way.maps > 1}
+
+
 def dense_fields(ways: "tuple[DenseCorrespondence, DenseCorrespondence]") -> dict[str, Any]:
     """Return the fields of a correspondence, both ways."""
     forward, backward = ways
     return {
+        **map_fields(forward),
         "vertices": forward.vertices.tolist(),
         "confidence": _rounded(forward.confidence),
         "length_ratio": forward.scale,

@@ -85,13 +85,14 @@ export function offerLandmarks([one, other], [first, second], names) {
     const { signal } = asking;
     try {
       /** @type {Compared} */
-      const { transferred } = await askWith(address("compare"), body, signal);
+      const { maps, transferred } = await askWith(address("compare"), body, signal);
       for (const [i, landmark] of asked.entries()) {
         if (landmark.set) continue;
         landmark.second = transferred.points[i].position;
         landmark.confidence = transferred.points[i].confidence;
       }
-      status.textContent = "";
+      status.textContent = maps > 1
+        ? `${maps} maps fit about equally well: a few landmarks set by hand on the second shape tell them apart.` : "";
       show();
     } catch (reason) {
       if (signal.aborted) return;

@@ -23,7 +23,7 @@
  *             compared: number, stored: number, embedding: Embedding | null,
  *             milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
- * @typedef {{ transferred: { points: { position: number[], confidence: number }[] } }} Compared
+ * @typedef {{ maps: number, transferred: { points: { position: number[], confidence: number }[] } }} Compared
  * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts
  * @typedef {{ title: string, detail: string }} Cause
  * @typedef {{ id: string, state: string, archive: string, counts: Counts, remaining_seconds: number | null,

@@ -69,6 +69,8 @@ def test_two_ids_have_a_vertex_for_each_vertex(
     assert only_dense == {
         "vertices",
         "confidence",
+        "maps",
+        "ambiguous",
         "length_ratio",
         "simplified",
         "first_difference",
@@ -109,7 +111,7 @@ def test_an_archive_has_the_arrays(shared: Running, ids: tuple[str, str], answer
     assert found.status_code == 200
     assert found.headers["content-type"] == "application/zip"
     with np.load(io.BytesIO(found.content)) as arrays:
-        assert set(arrays) == {"vertices", "confidence", "stretch", "partnered", "displacement"}
+        assert set(arrays) == {"vertices", "confidence", "stretch", "partnered", "displacement", "maps"}
         assert arrays["vertices"].dtype == np.int32
         assert arrays["vertices"].tolist() == answer["vertices"]
         np.testing.assert_allclose(arrays["confidence"], answer["confidence"], atol=1e-4)
