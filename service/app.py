@@ -10,6 +10,7 @@ from inspect import iscoroutinefunction
 from threading import Event
 from typing import Any
 
+from cachetools import LRUCache
 from fastapi import Depends, FastAPI, Request
 from starlette.concurrency import run_in_threadpool
 from threadpoolctl import threadpool_limits
@@ -58,6 +59,9 @@ from service.web.endpoints import router as page_router
 
 DESCRIPTOR_BYTES = 256 * 1024**2
 """Memory for descriptors of stored shapes: 26 kB each, 100 kB for an incomplete shape."""
+
+RELATIONS = 4096
+"""Pairs of shapes of which it is kept what registration told: about 1 kB each."""
 
 DOWNLOADS = 4
 """Files that each client receives at a time: each is in memory until its last byte is sent."""
@@ -226,6 +230,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES),
         measurements=SurfaceMeasurements(),
         judging=set(),
+        relations=LRUCache(RELATIONS),
     )
 
 

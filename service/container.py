@@ -1,10 +1,12 @@
 """The components of a running service, and the dependency that gives them to endpoints."""
 
+from collections.abc import Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Event
-from typing import Annotated
+from typing import Annotated, Any
 
+from cachetools import LRUCache
 from fastapi import Depends, Request
 
 from core.descriptors.registry import ShapeDescriptors
@@ -29,7 +31,8 @@ class Container:
     clients their turns, and `searches` counts the searches that use them. `downloads` are the files that are
     being sent. `comparing_is_ready` is set when compiled code and match records are loaded. `descriptors`
     caches descriptors of stored shapes by the number of the embedding. `judging` has the shapes that are
-    compared with others to find near-identical ones, and whether the search is for variants.
+    compared with others to find near-identical ones, and whether the search is for variants. `relations` has
+    what registration told of the latest pairs (`service.search.likeness`).
     """
 
     settings: Settings
@@ -49,6 +52,7 @@ class Container:
     descriptors: EmbeddingCache[ShapeDescriptors]
     measurements: SurfaceMeasurements
     judging: set[tuple[int, bool]]
+    relations: LRUCache[Hashable, Any]
 
 
 def _container(request: Request) -> Container:

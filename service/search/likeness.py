@@ -2,8 +2,9 @@
 
 import asyncio
 import math
+from collections.abc import Awaitable, Callable, Hashable
 from functools import partial
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
@@ -14,7 +15,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.likeness import BENT, likeness, may_be_pose
 from core.ranking.shortlist import eigenvalue_steps, isometry_distance, spectral_distances
-from core.registration.instances import possible_instances
+from core.registration.instances import Instances, possible_instances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
 from core.registration.similarity import bend
 from service.collection import CollectionNumber
@@ -30,6 +31,8 @@ from service.shapes import service as shapes_service
 from service.storage.database import ReadSession
 
 log = get_logger("likeness")
+
+Told = TypeVar("Told")
 
 
 async def stored_mesh(container: Container, collection: CollectionNumber, shape_id: str) -> Mesh:
@@ -139,14 +142,33 @@ async def find_instances(container: Container, first: Surface, second: Surface) 
     possible, first_is_part = await run_in_threadpool(ways)
     if not possible or first.mesh is None or second.mesh is None:
         return None
-    meshes = await asyncio.gather(first.mesh(), second.mesh())
-    part, whole = meshes if first_is_part else meshes[::-1]
-    counted = await container.queue.do(tasks.instances_in, part, whole)
-    if not counted.count and not counted.mirrored:
+
+    async def counted() -> Instances:
+        meshes = await _meshes(first, second)
+        part, whole = meshes if first_is_part else meshes[::-1]
+        return await container.queue.do(tasks.instances_in, part, whole)
+
+    found = await _known(container, ("instances", first.digest, second.digest), counted)
+    if not found.count and not found.mirrored:
         return None
-    return PartInstances(
-        whole="second" if first_is_part else "first", count=counted.count, mirrored=counted.mirrored
-    )
+    whole: Literal["first", "second"] = "second" if first_is_part else "first"
+    return PartInstances(whole=whole, count=found.count, mirrored=found.mirrored)
+
+
+async def _known(container: Container, pair: Hashable, tell: Callable[[], Awaitable[Told]]) -> Told:
+    """Return what registration tells of a pair; it is kept, so that a pair is not registered twice."""
+    relations = container.relations
+    if pair in relations:
+        known: Told = relations[pair]
+        return known
+    told = relations[pair] = await tell()
+    return told
+
+
+async def _meshes(first: Surface, second: Surface) -> tuple[Mesh, Mesh]:
+    assert first.mesh is not None
+    assert second.mesh is not None
+    return await asyncio.gather(first.mesh(), second.mesh())
 
 
 async def find_copy(
@@ -175,7 +197,10 @@ async def find_copy(
     copy = await run_in_threadpool(by_samples)
     if copy is not None or first.mesh is None or second.mesh is None:
         return copy
-    meshes = await asyncio.gather(first.mesh(), second.mesh())
-    return await container.queue.do(
-        tasks.registered, *meshes, first.record, second.record, parameters, variants
-    )
+
+    async def registered() -> RigidCopy | None:
+        meshes = await _meshes(first, second)
+        records = first.record, second.record
+        return await container.queue.do(tasks.registered, *meshes, *records, parameters, variants)
+
+    return await _known(container, (first.digest, second.digest, variants), registered)

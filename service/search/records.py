@@ -1,6 +1,7 @@
 """A query, its candidates and their scores."""
 
 import asyncio
+import hashlib
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -40,6 +41,11 @@ class Surface:
     def embedding(self) -> Embedding:
         """The record, decoded once."""
         return embedding_from_bytes(self.record)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """The SHA-256 of the record, which tells the surface."""
+        return hashlib.sha256(self.record).digest()
 
     @property
     def proportions(self) -> Proportions:

@@ -33,6 +33,7 @@ STORED = {
     "plane": make_body("plane").posed(0),
 }
 TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": "mirrored", "posed": "pose"}
+RELATION = ("likeness", "scale", "transform", "difference", "instances")
 
 
 @pytest.fixture(scope="module")
@@ -173,10 +174,34 @@ def test_every_way_to_ask_tells_the_same(stocked: Running, found: dict[str, dict
     stocked.client.delete(f"/shapes/{own}")
 
 
+def test_a_pair_is_registered_once(
+    stocked: Running, found: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reads: list[str] = []
+    read = likeness.stored_mesh
+
+    async def counted(container: Any, collection: Any, shape_id: str) -> Mesh:
+        reads.append(shape_id)
+        return await read(container, collection, shape_id)
+
+    monkeypatch.setattr(likeness, "stored_mesh", counted)
+    stocked.container.relations.clear()
+    for known in (False, True):
+        reads.clear()
+        again = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+        for name in found:
+            assert [again[name][key] for key in RELATION] == [found[name][key] for key in RELATION]
+        assert (reads == []) == known
+    other = by_name(query(stocked.client, file_of(moved(STORED["simplified"], 9)), top_k="9"))
+    assert reads
+    assert other["simplified"]["likeness"] == "same"
+
+
 def test_a_shape_that_goes_while_it_is_registered_is_no_copy(
     stocked: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gone = stocked.store(file_of(STORED["simplified"]), "gone.off", tags="gone")["id"]
+    stocked.container.relations.clear()
     read = likeness.stored_mesh
 
     async def late(*given: Any) -> Mesh:
@@ -196,6 +221,7 @@ def test_a_registration_that_fails_costs_the_answer_nothing_else(
     async def fails(*_given: Any) -> Mesh:
         raise error
 
+    stocked.container.relations.clear()
     monkeypatch.setattr(likeness, "stored_mesh", fails)
     answer = query(stocked.client, file_of(OCTOPUS), tag="simplified")
     assert answer.status_code == 200

@@ -1,11 +1,16 @@
 """Plates of several parts in one file, over HTTP."""
 
+import re
+from io import StringIO
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
+from service.cli.query import print_answer
+from service.search.schemas import QueryAnswer
 from service.storage.tables import PieceRow
 from tests.service.engines import on_both
 from tests.service.support import Running, query
@@ -94,6 +99,19 @@ def test_a_plate_among_the_results_has_the_same_words(shared: Running, stocked: 
     told = likenesses(answer["results"])
     assert {name: told[name] for name in CONTAINING} == CONTAINING
     assert "part_of" not in {told[name][0] for name in ("unlike", "shaft", "another shaft", "bracket")}
+
+
+def test_the_table_of_the_command_has_the_plates(shared: Running, stocked: dict[str, str]) -> None:
+    answer = query(shared.client, file_of(BRACKET), "query.stl", min_cc=0.9999, top_k=2).json()
+    printed = StringIO()
+    print_answer(Console(file=printed, width=200), QueryAnswer.model_validate(answer))
+    lines = [line.strip() for line in printed.getvalue().splitlines() if line.strip()]
+    rows = [re.split(" {2,}", line)[:3] for line in lines[-3:]]
+    assert rows == [
+        ["1", "bracket.stl", "Same part"],
+        ["2", "six.stl", "Contains it 6 times"],
+        ["3", "mixed.stl", "Contains it 2 times, its mirror image once"],
+    ]
 
 
 def test_a_comparison_says_which_is_part_of_which(shared: Running, stocked: dict[str, str]) -> None:
