@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from core.arrays import Floats
+from core.descriptors.pieces import RADII, SIZE, number_of_pieces
 from core.embedding import Embedding
 from core.mesh.bounding_box import least_box_axes
 from core.registration.initial_alignments import initial_alignments
@@ -141,6 +142,18 @@ def may_be_copy(spectral: float, first: Proportions, second: Proportions) -> boo
     if first.volume is None or second.volume is None:
         return gap <= EQUAL_RADIUS
     return gap <= EQUAL_RADIUS and abs(math.log(first.volume / second.volume)) <= EQUAL_VOLUME
+
+
+def have_equal_axes(first: Embedding, second: Embedding) -> bool:
+    """Return whether the principal radii allow that two surfaces are rigid copies or variants.
+
+    Each radius, over the root of the area, differs by at most `COPY_RADIUS`: surfaces of one total radius may
+    be long or flat. Nothing is known of surfaces of several pieces.
+    """
+    if number_of_pieces(first.pieces) != 1 or number_of_pieces(second.pieces) != 1:
+        return True
+    ours, theirs = (one.pieces[0, RADII] / one.pieces[0, SIZE] for one in (first, second))
+    return bool(np.abs(ours - theirs).max() <= COPY_RADIUS)
 
 
 def copy_by_samples(first: Embedding, second: Embedding, spectral: float) -> RigidCopy | None:

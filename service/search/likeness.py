@@ -16,7 +16,7 @@ from core.pipeline import Pipeline
 from core.ranking.likeness import BENT, likeness, may_be_pose
 from core.ranking.shortlist import eigenvalue_steps, isometry_distance, spectral_distances
 from core.registration.instances import Instances, possible_instances
-from core.registration.rigid_copy import RigidCopy, copy_by_samples, may_be_copy
+from core.registration.rigid_copy import RigidCopy, copy_by_samples, have_equal_axes, may_be_copy
 from core.registration.similarity import bend
 from service.collection import CollectionNumber
 from service.compute import tasks
@@ -181,7 +181,8 @@ async def find_copy(
 ) -> RigidCopy | None:
     """Return the second surface as a rigid copy of the first, or a variant if these are wanted, else None.
 
-    Stages: compare the samples of the records; where they do not decide it, register both meshes.
+    Stages: compare the samples and the principal radii of the records; where these do not decide it, register
+    both meshes.
 
     Raises
     ------
@@ -189,13 +190,13 @@ async def find_copy(
         A record or a file cannot be used, or was deleted.
     """
 
-    def by_samples() -> RigidCopy | None:
+    def by_samples() -> tuple[RigidCopy | None, bool]:
         embeddings = first.embedding, second.embedding
         spectral = spectral_distances(embeddings[0].signature, embeddings[1].signature[None])
-        return copy_by_samples(*embeddings, float(spectral[0]))
+        return copy_by_samples(*embeddings, float(spectral[0])), have_equal_axes(*embeddings)
 
-    copy = await run_in_threadpool(by_samples)
-    if copy is not None or first.mesh is None or second.mesh is None:
+    copy, may_be = await run_in_threadpool(by_samples)
+    if copy is not None or not may_be or first.mesh is None or second.mesh is None:
         return copy
 
     async def registered() -> RigidCopy | None:

@@ -1,16 +1,19 @@
 """Rigid copies, mirror images and variants, told by samples and by surfaces."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from core.descriptors.pieces import pieces
 from core.embedding import Embedding
 from core.evaluation.perturbation import subdivide
 from core.gallery.bodies import make_body
 from core.gallery.solids import Frame, ellipsoid, tube
 from core.gallery.surface import surface
 from core.io import read_mesh, write_mesh
+from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.shortlist import spectral_distances
@@ -23,6 +26,7 @@ from core.registration.rigid_copy import (
     RigidCopy,
     copy_by_samples,
     copy_by_surfaces,
+    have_equal_axes,
     may_be_copy,
     proportions,
 )
@@ -97,6 +101,30 @@ def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(remeshed: Callabl
     assert gate(second)
     assert by_samples(second) is None
     assert by_surfaces(HAND, copy) == a_copy(2.0, mirrored=False, rel=0.01)
+
+
+def test_surfaces_of_one_total_radius_are_told_apart_along_their_axes() -> None:
+    size, volume, *radii, count = FIRST.pieces[0].tolist()
+    long, flat = sorted(radii), [(sum(r * r for r in radii) / 2) ** 0.5] * 2
+    rows = np.array([[size, volume, 0.0, *flat, count]], dtype=np.float32)
+    assert np.linalg.norm(rows[0, 2:5]) == pytest.approx(np.linalg.norm(long), rel=1e-6)
+    other = replace(FIRST, pieces=rows)
+    assert have_equal_axes(FIRST, FIRST)
+    assert not have_equal_axes(FIRST, other)
+    assert not have_equal_axes(other, FIRST)
+    assert have_equal_axes(FIRST, replace(other, pieces=np.concatenate([rows, rows])))
+
+
+@pytest.mark.parametrize("change", ["hole", "moved", "larger", "fillet", "longer"])
+def test_the_axes_of_variants_and_copies_are_equal(change: Change) -> None:
+    drawings = Drawing(5, 0.1), Drawing(5, 0.1, change=change), Drawing(5, 0.05, 0.4)
+    for family in ("bracket", "shaft", "plate"):
+        rows = []
+        for drawing in drawings:
+            cleaned = clean(moved(part(family, drawing), 3))
+            rows.append(replace(FIRST, pieces=pieces(cleaned.mesh, cleaned.labels)))
+        assert have_equal_axes(rows[0], rows[1])
+        assert have_equal_axes(rows[0], rows[2])
 
 
 def test_a_mirror_image_is_told_by_surfaces() -> None:
