@@ -28,6 +28,7 @@ from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.search.suggestion_schemas import Suggestions
 from service.shapes.facets import Facets
 from service.shapes.records import Sort
 from service.shapes.schemas import (
@@ -307,6 +308,12 @@ def duplicates(
     options = given(max_residual=max_residual, scaled=scaled, mirrored=mirrored, variants=variants)
     params = _filtered(filters) | options
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
+
+
+def suggestions(shape_id: str, *, least_share: float | None = None) -> Call[Suggestions]:
+    """Get tags and metadata that the neighbours of a shape suggest for it, with these shapes."""
+    params = given(least_share=least_share)
+    return Call("GET", f"{_shape(shape_id)}/suggestions", parsed(Suggestions), params=params)
 
 
 def similarity_map(**filters: Unpack[Filters]) -> Call[MapAnswer]:

@@ -103,6 +103,7 @@ class _Methods:
     query_shape = _once(calls.query_shape)
     compare = _once(calls.compare)
     duplicates = _once(calls.duplicates)
+    suggestions = _once(calls.suggestions)
     similarity_map = _once(calls.similarity_map)
     send_archive = _once(calls.send_archive)
     job = _once(calls.job)

@@ -139,7 +139,7 @@ async def keep_judging(container: Container) -> None:
             state = await reading(_wanted, pipelines)
             if state != finished:
                 _, active_pipeline, searches = state
-                while await _find_neighbours(container, active_pipeline):
+                while await find_neighbours(container, active_pipeline):
                     if await reading(_wanted, pipelines) != state:
                         break
                 for search in searches:
@@ -220,7 +220,7 @@ async def _judge_some(
     return bool(in_progress) or (bool(unjudged) and await look() != unjudged)
 
 
-async def _find_neighbours(container: Container, active_pipeline: ActivePipeline) -> bool:
+async def find_neighbours(container: Container, active_pipeline: ActivePipeline) -> bool:
     """Find the neighbours of the oldest shapes whose are unknown; False if there are none.
 
     A pipeline without match records compares too slowly: it has no graph of neighbours.

@@ -16,6 +16,8 @@ __all__ = [
     "repository",
     "schemas",
     "scoring",
+    "suggestion_schemas",
+    "suggestions",
     "transfer_schemas",
     "transfers",
 ]

@@ -1,4 +1,4 @@
-"""The addresses /query, /shapes/{shape_id}/similar and /map."""
+"""The addresses /query, /map, and /similar and /suggestions of a shape."""
 
 from functools import partial
 from typing import Annotated
@@ -24,6 +24,8 @@ from service.search.answer import (
 )
 from service.search.map import map_sheet, similarity_map_of
 from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
+from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import MeshUpload, ShapeId
 from service.shapes.fields import clean_id
 from service.shapes.schemas import SHAPE, Filters
@@ -111,6 +113,39 @@ async def similar(
 ) -> QueryAnswer:
     """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
     return await query(request, container, collection, options, StoredQuery(shape_id=shape_id))
+
+
+class SuggestionsOptions(NamedInAddress):
+    """What to suggest."""
+
+    least_share: float = Field(
+        default=LEAST_SHARE,
+        gt=0.0,
+        le=1.0,
+        description="The least share of the neighbours, by their weights, that have a suggested value.",
+    )
+
+
+@router.get(
+    "/shapes/{shape_id}/suggestions",
+    summary="Suggest tags and metadata",
+    responses=documented("shape-not-found", "pipeline-unavailable", *READ_PROBLEMS),
+    dependencies=[once_each(SuggestionsOptions)],
+)
+def suggestions(
+    shape_id: ShapeId,
+    container: Service,
+    collection: InCollection,
+    options: Annotated[SuggestionsOptions, Query()],
+) -> Suggestions:
+    """Return tags and metadata that the neighbours of a shape have and the shape lacks.
+
+    Neighbours are the stored shapes that are likely of one class with it. Nothing is changed: `PATCH` of the
+    shape stores what a person accepts.
+    """
+    with container.database.read() as session:
+        fingerprint = container.pipelines.current(session).fingerprint
+        return suggestions_for(session, fingerprint, collection.number, shape_id, options.least_share)
 
 
 MISSING = "Isoshape-Missing"

@@ -1,11 +1,13 @@
 """The graph of neighbours: its rows are made one by one, and lend an order to the candidates of a query."""
 
-from dataclasses import replace
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Floats, Ints
+from core.arrays import Ints
 from core.ranking.diffusion import (
     MOST_NODES,
     NEIGHBOURS,
@@ -17,7 +19,7 @@ from core.ranking.diffusion import (
 from core.ranking.shortlist import least
 from service.collection import CollectionNumber
 from service.container import Container
-from service.index import neighbour_repository
+from service.index.neighbour_repository import neighbour_rows, write
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
@@ -34,6 +36,13 @@ LEAST_KNOWN = 0.5
 
 FIRST = 64
 """Number of the likeliest candidates of which the share is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowsAround(NeighbourRows):
+    """The graph around some shapes; `known`, shape (n,), tells which have a row."""
+
+    known: NDArray[np.bool_]
 
 
 async def make_row(
@@ -65,9 +74,7 @@ async def make_row(
             assert matched.log_odds is not None
             compared, log_odds = matched.candidates.entries.shapes, matched.log_odds
     fingerprint = active_pipeline.fingerprint
-    await container.database.writing(
-        neighbour_repository.write, fingerprint, (shape, embedding), compared, log_odds
-    )
+    await container.database.writing(write, fingerprint, (shape, embedding), compared, log_odds)
 
 
 def in_context(session: ReadSession, query: Query, matched: MatchedCandidates) -> MatchedCandidates:
@@ -79,27 +86,32 @@ def in_context(session: ReadSession, query: Query, matched: MatchedCandidates) -
     assert matched.log_odds is not None
     shapes, fingerprint = matched.candidates.entries.shapes, query.active_pipeline.fingerprint
     best = least(-matched.log_odds, shapes, MOST_NODES)
-    rows = neighbour_repository.neighbour_rows(session, fingerprint, shapes[best])
-    first = shapes[best[:FIRST]]
-    if np.isin(first, rows.shapes).sum() < LEAST_KNOWN * len(first):
+    rows = rows_around(session, fingerprint, shapes[best], without=query.excluded)
+    indices = np.searchsorted(rows.shapes, shapes[best])
+    if len(best) and rows.known[indices[:FIRST]].mean() < LEAST_KNOWN:
         return matched
-    further = np.setdiff1d(rows.neighbours, [NOBODY, *query.excluded, *shapes.tolist()])
-    room = max(MOST_NODES - len(best), 0)
-    around = neighbour_repository.neighbour_rows(session, fingerprint, further[:room])
-    nodes = np.union1d(shapes[best], around.shapes)
-    log_odds = np.full(len(nodes), -np.inf)
-    log_odds[np.searchsorted(nodes, shapes[best])] = matched.log_odds[best]
-    scores = contextual_scores(_of_nodes(nodes, rows, around), log_odds)
+    log_odds = np.full(len(rows.shapes), -np.inf)
+    log_odds[indices] = matched.log_odds[best]
     contextual = unreached_scores(matched.log_odds)
-    contextual[best] = scores[np.searchsorted(nodes, shapes[best])]
+    contextual[best] = contextual_scores(rows, log_odds)[indices]
     return replace(matched, contextual=contextual)
 
 
-def _of_nodes(nodes: Ints, *parts: NeighbourRows) -> NeighbourRows:
-    """Return the rows of some shapes, ascending, from several; those that have none are empty."""
-    neighbours = np.full((len(nodes), NEIGHBOURS), NOBODY)
-    log_odds: Floats = np.full((len(nodes), NEIGHBOURS), -np.inf)
-    for part in parts:
-        indices = np.searchsorted(nodes, part.shapes)
-        neighbours[indices], log_odds[indices] = part.neighbours, part.log_odds
-    return NeighbourRows(nodes, neighbours, log_odds)
+def rows_around(
+    session: ReadSession, fingerprint: str, shapes: Ints, *, without: Collection[int]
+) -> RowsAround:
+    """Return the rows of some shapes, at most `MOST_NODES`, and of their neighbours as room is left.
+
+    Shapes that have no row have an empty one; other neighbours without a row, or in `without`, are not there.
+    """
+    own = neighbour_rows(session, fingerprint, shapes)
+    further = np.setdiff1d(own.neighbours, [NOBODY, *without, *shapes.tolist()])
+    others = neighbour_rows(session, fingerprint, further[: max(MOST_NODES - len(shapes), 0)])
+    numbers = np.union1d(shapes, others.shapes)
+    neighbours = np.full((len(numbers), NEIGHBOURS), NOBODY)
+    log_odds = np.full((len(numbers), NEIGHBOURS), -np.inf)
+    known = np.zeros(len(numbers), dtype=bool)
+    for part in (own, others):
+        indices = np.searchsorted(numbers, part.shapes)
+        neighbours[indices], log_odds[indices], known[indices] = part.neighbours, part.log_odds, True
+    return RowsAround(numbers, neighbours, log_odds, known)

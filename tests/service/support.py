@@ -23,6 +23,7 @@ from core.pipeline import Pipeline
 from service.app import create_app
 from service.collections.endpoints import HEADER
 from service.container import Container
+from service.duplicates.service import find_neighbours
 from service.server.uvicorn_server import config
 from service.settings import Settings
 from service.storage.tables import Table
@@ -109,6 +110,14 @@ def serving(
 def on_loop(running: Running, work: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine in the event loop of a service, which its parts belong to."""
     return asyncio.run_coroutine_threadsafe(work, running.server.servers[0].get_loop()).result()
+
+
+def relate(running: Running) -> None:
+    """Find the neighbours of every shape, as the background does."""
+    with running.container.database.read() as session:
+        active_pipeline = running.container.pipelines.current(session)
+    while on_loop(running, find_neighbours(running.container, active_pipeline)):
+        pass
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import { button, byId, make, showError } from "./dom.js";
 import { measures, textOf } from "./facts.js";
 import { tagsIn } from "./fields.js";
 import { readGlb } from "./glb.js";
+import { showSuggestions } from "./suggestions.js";
 
 /** @import { Shape, Version } from "./types.js" */
 
@@ -26,6 +27,7 @@ export async function showShape(id) {
   byId("similar", HTMLAnchorElement).href = address("", { shape_id: id });
   byId("about", HTMLElement).hidden = false;
   open.hidden = access !== "full";
+  if (access === "full") suggest();
   const { canvas, item } = card(shape.name, [], null);
   byId("cards", HTMLElement).append(item);
   showSingle(canvas, readGlb(await storedGlb(id)));
@@ -46,6 +48,14 @@ function showRecord(read) {
   ]);
   list("metadata", Object.entries(metadata).map(([key, value]) => [key, textOf(value)]));
 }
+
+/** Show what similar shapes have and this one lacks. */
+const suggest = () => showSuggestions(shape.id, async ({ key, value }) => {
+  const { tags, metadata } = shape;
+  const entry = key === null ? { tags: [...tags, textOf(value)] } : { metadata: { ...metadata, [key]: value } };
+  showRecord(await changeShape(shape.id, entry));
+  await suggest();
+});
 
 /** @param {string} id Of a list of terms. @param {[string, string][]} entries */
 const list = (id, entries) => byId(id, HTMLElement).replaceChildren(

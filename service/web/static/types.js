@@ -10,6 +10,8 @@
  * @typedef {{ value: string, count: number, least?: number, greatest?: number }} Count
  * @typedef {{ total: number, tags: Count[], distinct_tags: number, formats: Count[], lengths: Count[],
  *             collections: Count[] }} Facets
+ * @typedef {{ key: string | null, value: unknown, share: number, shapes: { id: string, name: string }[] }} Suggestion
+ * @typedef {{ suggestions: Suggestion[], known: boolean }} Suggestions
  * @typedef {{ sample: number, vertex: number, position: number[] }} Point
  * @typedef {{ first: Point, second: Point, distance: number, effective: boolean }} Pair
  * @typedef {{ cc: number, ssd: number, sim: number, combined: number, likeness: string, scale: number | null,

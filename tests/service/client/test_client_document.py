@@ -107,6 +107,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         },
         "GET /duplicates",
     ),
+    ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
     ("similarity_map", (), {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
     ("collections", (), {}, "GET /collections"),
     ("create_collection", ("a",), {}, "PUT /collections/{name}"),

@@ -129,6 +129,7 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/shapes/{shape_id}/similar", params={"top_k": 100, "exclude_self": False}),
         to("GET", "/shapes/{shape_id}/similar", params={"partial": True, "correspondences": True}),
     ],
+    ("GET", "/shapes/{shape_id}/suggestions"): [to("GET", "/shapes/{shape_id}/suggestions")],
     ("GET", "/shapes/{shape_id}/view"): [to("GET", "/shapes/{shape_id}/view")],
     ("GET", "/deleted"): [to("GET", "/deleted")],
     ("GET", "/jobs"): [to("GET", "/jobs")],

@@ -12,7 +12,6 @@ from core.gallery import make_shape
 from core.io import write_mesh
 from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
 from service.collections.endpoints import HEADER
-from service.duplicates.service import _find_neighbours
 from service.index import neighbour_repository
 from service.search import neighbours
 from service.search.answer import NO_CONTEXT
@@ -21,22 +20,22 @@ from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import NeighboursRow, ShapeRow
 from tests.service.engines import on_both, url_in
-from tests.service.support import Running, on_loop, query, serving, settings_in, small_file, wait_until
+from tests.service.support import (
+    Running,
+    assert_problem,
+    query,
+    relate,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+)
 
 LABELS, POSES = ("fish", "glasses", "hand"), 3
 
 
 def made(label: str, pose: int) -> bytes:
     return write_mesh(make_shape(label, pose), "ply")
-
-
-def relate(running: Running) -> None:
-    """Make every row that is missing, as the background does."""
-    pipelines, database = running.container.pipelines, running.container.database
-    with database.read() as session:
-        active_pipeline = pipelines.current(session)
-    while on_loop(running, _find_neighbours(running.container, active_pipeline)):
-        pass
 
 
 def graph(running: Running) -> NeighbourRows:
@@ -110,6 +109,29 @@ def test_a_stored_query_has_the_context_of_its_file(stocked: tuple[Running, dict
 
 
 @on_both
+def test_neighbours_suggest_what_a_shape_lacks(stocked: tuple[Running, dict[str, str]]) -> None:
+    running, ids = stocked
+    client, address = running.client, f"/shapes/{ids['fish0']}"
+    suggestions = f"{address}/suggestions"
+    assert client.get(suggestions).json() == {"suggestions": [], "known": True}
+    assert client.patch(address, json={"tags": []}).status_code == 200
+    for pose, legs in ((1, 0), (2, 0)):
+        client.patch(f"/shapes/{ids[f'fish{pose}']}", json={"metadata": {"legs": legs, "size": [pose]}})
+    (tag, legs) = client.get(suggestions).json()["suggestions"]
+    assert (tag["key"], tag["value"]) == (None, "fish")
+    assert (legs["key"], legs["value"]) == ("legs", 0)
+    assert {shape["name"] for shape in tag["shapes"]} == {"fish1", "fish2"}
+    assert 0.5 < tag["share"] == legs["share"] <= 1.0
+    # Each neighbour has one tag, and none is lacking.
+    every = client.get(suggestions, params={"least_share": 1e-9}).json()["suggestions"]
+    assert sum(each["share"] for each in every if each["key"] is None) == pytest.approx(1.0)
+    assert client.patch(address, json={"tags": ["fish"], "metadata": {"legs": 2}}).status_code == 200
+    assert client.get(suggestions).json()["suggestions"] == []
+    assert_problem(client.get("/shapes/none/suggestions"), 404, "shape-not-found")
+    assert_problem(client.get(suggestions, params={"least_share": 2}), 422, "bad-request-fields")
+
+
+@on_both
 def test_without_enough_rows_the_order_is_that_of_combined(service: Running) -> None:
     empty = query(service.client, small_file(1), rank_by="contextual").json()
     assert (empty["ranked_by"], empty["results"], empty["warnings"]) == ("contextual", [], [])
@@ -118,6 +140,9 @@ def test_without_enough_rows_the_order_is_that_of_combined(service: Running) -> 
     lacking = query(service.client, small_file(1), rank_by="contextual").json()
     assert (lacking["ranked_by"], lacking["warnings"]) == ("combined", [NO_CONTEXT])
     assert names(lacking) == names(query(service.client, small_file(1), rank_by="combined").json())
+    (stored, *_) = service.client.get("/shapes").json()["shapes"]
+    unknown = service.client.get(f"/shapes/{stored['id']}/suggestions").json()
+    assert unknown == {"suggestions": [], "known": False}
     relate(service)
     known = query(service.client, small_file(1), rank_by="contextual").json()
     assert (known["ranked_by"], known["warnings"]) == ("contextual", [])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, expect
 
-from tests.service.support import Running
+from tests.service.support import Running, relate
 from tests.soak.browser.support import Visit, made, serious
 
 METADATA = '{"source": "scan", "year": 2024, "code": "007", "deep": {"a": [1, null]}}'
@@ -91,3 +91,25 @@ def test_a_shape_is_downloaded_in_any_format_and_searched_with(visit: Visit, ser
         assert Path(download.value.path()).read_bytes() == same
     page.get_by_role("link", name="Find similar").click()
     expect(page.locator("#find-name")).to_have_text("fish-0.ply")
+
+
+def test_similar_shapes_suggest_tags_and_a_person_adds_them(visit: Visit, service: Running) -> None:
+    tagged = service.store(made("fish", 4), "fish-4.ply", tags="swims", metadata='{"fins": 7}')
+    shape = service.store(made("fish", 5), "fish-5.ply")
+    for each in service.client.get("/shapes").json()["shapes"]:
+        if each["name"].startswith("fish-") and each["id"] not in (tagged["id"], shape["id"]):
+            service.client.patch(f"/shapes/{each['id']}", json={"tags": ["swims"]})
+    relate(service)
+    page = opened(visit, shape)
+    suggested = page.locator("#suggested li")
+    expect(suggested).to_have_count(1)
+    expect(suggested).to_contain_text("swims")
+    expect(suggested.get_by_role("link", name="fish-4.ply")).to_have_attribute(
+        "href", f"{visit.here}/shapes/{tagged['id']}/view"
+    )
+    assert serious(page) == []
+    assert service.client.get(f"/shapes/{shape['id']}").json()["tags"] == []
+    page.get_by_role("button", name="Add swims").click()
+    expect(page.locator("#shape-tags a")).to_have_text(["swims"])
+    expect(page.locator("#suggestions")).to_be_hidden()
+    assert service.client.get(f"/shapes/{shape['id']}").json()["tags"] == ["swims"]
