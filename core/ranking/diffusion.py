@@ -108,7 +108,7 @@ def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
     targets, values = np.take_along_axis(targets, nearest, 1), np.take_along_axis(values, nearest, 1)
     own = np.argsort(-log_odds, kind="stable")[:LINKED]
     sources = np.concatenate([np.repeat(np.arange(query), targets.shape[1]), np.full(len(own), query)])
-    weights = np.concatenate([_weights(values).ravel(), _weights(log_odds[own][None]).ravel()])
+    weights = np.concatenate([link_weights(values).ravel(), link_weights(log_odds[own][None]).ravel()])
     targets = np.concatenate([targets.ravel(), own])
     linked = weights > 0.0
     graph = csr_array((weights[linked], (sources[linked], targets[linked])), shape=(query + 1, query + 1))
@@ -124,7 +124,7 @@ def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
     return np.asarray(np.maximum(flow[:query], 0.0))
 
 
-def _weights(log_odds: Floats) -> Floats:
+def link_weights(log_odds: Floats) -> Floats:
     """Return weights of links, shape (n, k), from log odds, the greatest first in each row."""
     best = np.where(np.isfinite(log_odds[:, :1]), log_odds[:, :1], 0.0)
     return np.asarray(expit(log_odds) * np.exp(DECAY * (log_odds - best)))

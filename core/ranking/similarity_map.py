@@ -1,4 +1,4 @@
-"""A map of shapes: positions on a plane in which shapes of near signatures are near, and cells of a grid."""
+"""A map of shapes: positions on a plane in which similar shapes are near, and cells of a grid."""
 
 from dataclasses import dataclass
 
@@ -6,6 +6,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from core.arrays import Float32s, Floats, Ints
+from core.ranking.diffusion import NeighbourRows
+from core.ranking.graph_layout import graph_positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,17 +29,21 @@ class SimilarityMap:
     size: int
 
 
-def similarity_map(signatures: Float32s) -> SimilarityMap:
-    """Lay n shapes out by their signatures; equal signatures give equal maps.
+def similarity_map(signatures: Float32s, neighbours: NeighbourRows | None = None) -> SimilarityMap:
+    """Lay n shapes out by their neighbours, or by their signatures; equal arguments give equal maps.
 
     Parameters
     ----------
     signatures : float32, shape (n, s)
-        Log eigenvalues and global descriptors.
+        Log eigenvalues and global descriptors. The layout of neighbours begins with theirs.
+    neighbours : NeighbourRows, optional
+        The rows of the n shapes in the order of the signatures, empty where they are not known.
     """
     if not len(signatures):
         return SimilarityMap(np.empty((0, 2)), np.empty((0, 2), dtype=np.int64), 0)
     positions = principal_positions(signatures)
+    if neighbours is not None:
+        positions = graph_positions(*neighbours.links(), positions)
     positions -= positions.min(axis=0)
     positions /= positions.max() or 1.0
     positions += (1.0 - positions.max(axis=0)) / 2.0

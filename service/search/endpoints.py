@@ -168,10 +168,10 @@ MAP_PROBLEMS = ("bad-request-fields", "busy", "shutting-down", "pipeline-unavail
 async def read_map(
     options: Annotated[MapOptions, Query()], request: Request, container: Service, collection: InCollection
 ) -> MapAnswer:
-    """Return positions of the stored shapes on a plane: the principal components of their signatures.
+    """Return positions of the stored shapes on a plane, where neighbours pull each other together.
 
-    Similar shapes are near each other; shapes that are near each other may differ. Equal shapes give equal
-    maps.
+    Similar shapes are near each other; shapes that are near each other may differ. While the neighbours of
+    most shapes are unknown, the positions are the principal components of the signatures.
     """
     shape_filter = options.filtered(collection.number)
 

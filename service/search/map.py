@@ -18,6 +18,7 @@ from service.pipelines.active import ActivePipeline
 from service.previews.thumbnails import draw_stored, store
 from service.rendering.thumbnail import DRAWING, contact_sheet
 from service.search import repository
+from service.search.neighbours import rows_among
 from service.search.repository import MappedShapes
 from service.search.schemas import MOST_MAPPED, MapAnswer, MapShape
 from service.shapes import file_repository
@@ -38,7 +39,8 @@ def similarity_map_of(
     """Lay out the shapes that match a filter; of many, `MOST_MAPPED` are chosen evenly by age."""
     with container.database.read() as session:
         mapped, total = _mapped(session, shape_filter, active_pipeline.fingerprint)
-    laid_out = similarity_map(mapped.signatures)
+        neighbours = rows_among(session, active_pipeline.fingerprint, mapped.numbers)
+    laid_out = similarity_map(mapped.signatures, neighbours)
     places = laid_out.positions.tolist(), laid_out.cells.tolist()
     return MapAnswer(
         shapes=[

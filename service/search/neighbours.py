@@ -107,11 +107,21 @@ def rows_around(
     own = neighbour_rows(session, fingerprint, shapes)
     further = np.setdiff1d(own.neighbours, [NOBODY, *without, *shapes.tolist()])
     others = neighbour_rows(session, fingerprint, further[: max(MOST_NODES - len(shapes), 0)])
-    numbers = np.union1d(shapes, others.shapes)
+    return _rows_of(np.union1d(shapes, others.shapes), own, others)
+
+
+def rows_among(session: ReadSession, fingerprint: str, shapes: Ints) -> NeighbourRows | None:
+    """Return the rows of some shapes, ascending, empty where they are unknown; None if most are."""
+    rows = _rows_of(shapes, neighbour_rows(session, fingerprint, shapes))
+    return rows if len(shapes) and rows.known.mean() >= LEAST_KNOWN else None
+
+
+def _rows_of(numbers: Ints, *parts: NeighbourRows) -> RowsAround:
+    """Return the rows of some shapes, ascending, from several."""
     neighbours = np.full((len(numbers), NEIGHBOURS), NOBODY)
     log_odds = np.full((len(numbers), NEIGHBOURS), -np.inf)
     known = np.zeros(len(numbers), dtype=bool)
-    for part in (own, others):
+    for part in parts:
         indices = np.searchsorted(numbers, part.shapes)
         neighbours[indices], log_odds[indices], known[indices] = part.neighbours, part.log_odds, True
     return RowsAround(numbers, neighbours, log_odds, known)

@@ -106,8 +106,9 @@ def numbers_of_bytes(session: ReadSession, collection: CollectionNumber, sha256:
 
 @dataclass(frozen=True, eq=False)
 class MappedShapes:
-    """The ids, names, files and signatures, shape (n, s), of the n shapes of a map."""
+    """The numbers, ids, names, files and signatures, shape (n, s), of the n shapes of a map."""
 
+    numbers: Ints
     ids: Sequence[str]
     names: Sequence[str]
     files: Sequence[FileKey]
@@ -116,7 +117,10 @@ class MappedShapes:
 
 def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MappedShapes:
     """Return those of some shapes that a pipeline has embedded, the oldest first."""
-    columns = (ShapeRow.id, ShapeRow.name, BlobRow.sha256, ShapeRow.format, CoarseSamplesRow.signature)
+    columns = (
+        *(ShapeRow.number, ShapeRow.id, ShapeRow.name),
+        *(BlobRow.sha256, ShapeRow.format, CoarseSamplesRow.signature),
+    )
     query = (
         ENTRIES.with_only_columns(*columns)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
@@ -124,10 +128,11 @@ def map_shapes(session: ReadSession, fingerprint: str, numbers: Ints) -> MappedS
     )
     rows = session.execute(query.order_by(ShapeRow.number)).all()
     return MappedShapes(
-        ids=[row[0] for row in rows],
-        names=[row[1] for row in rows],
-        files=[(row[2], row[3]) for row in rows],
-        signatures=stacked([row[4] for row in rows]).view("<f4"),
+        numbers=np.array([row[0] for row in rows], dtype=np.int64),
+        ids=[row[1] for row in rows],
+        names=[row[2] for row in rows],
+        files=[(row[3], row[4]) for row in rows],
+        signatures=stacked([row[5] for row in rows]).view("<f4"),
     )
 
 

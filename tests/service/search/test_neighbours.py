@@ -109,6 +109,19 @@ def test_a_stored_query_has_the_context_of_its_file(stocked: tuple[Running, dict
 
 
 @on_both
+def test_neighbours_are_near_each_other_on_the_map(stocked: tuple[Running, dict[str, str]]) -> None:
+    running, ids = stocked
+    found = running.client.get("/map").json()
+    assert found == running.client.get("/map").json()
+    assert {shape["name"] for shape in found["shapes"]} == set(ids)
+    points = np.array([(shape["x"], shape["y"]) for shape in found["shapes"]])
+    labels = np.array([shape["name"][:-1] for shape in found["shapes"]])
+    distances = np.linalg.norm(points[:, None] - points, axis=2)
+    same = labels[:, None] == labels
+    assert distances[same].max() < distances[~same].min()
+
+
+@on_both
 def test_neighbours_suggest_what_a_shape_lacks(stocked: tuple[Running, dict[str, str]]) -> None:
     running, ids = stocked
     client, address = running.client, f"/shapes/{ids['fish0']}"
