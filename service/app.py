@@ -25,6 +25,7 @@ from service.compute.compilation import is_compiled
 from service.compute.pool import LocalPool
 from service.compute.request_queue import ActivityGate, Executor, RequestQueue, start_executors
 from service.container import Container
+from service.duplicates.decision_endpoints import router as decisions_router
 from service.duplicates.endpoints import router as duplicates_router
 from service.duplicates.service import keep_judging
 from service.http.body_limits import BodyLimit, ClientQuotas
@@ -71,6 +72,7 @@ ROUTERS = (
     search_router,
     compare_router,
     duplicates_router,
+    decisions_router,
     shapes_router,
     files_router,
     jobs_router,

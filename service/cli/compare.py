@@ -114,6 +114,7 @@ def duplicates_command(
     variants: Annotated[
         bool, typer.Option("--variants", help="Also join rigid copies but for a local difference.")
     ] = False,
+    decided: Annotated[bool, typer.Option("--decided", help="Also show shapes that are decided.")] = False,
     tag: Annotated[
         list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
     ] = None,
@@ -133,6 +134,7 @@ def duplicates_command(
             scaled=scaled,
             mirrored=mirrored,
             variants=variants,
+            decided=decided,
             tag=tag or [],
         )
         answer = ask()

@@ -24,6 +24,8 @@ from service.client.requests import (
     segment,
 )
 from service.collection import Collection, Collections
+from service.duplicates.decision_schemas import Decided, DecidedPair, DecisionPage, MergedShape, Rule
+from service.duplicates.records import Decision
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
@@ -298,16 +300,49 @@ def duplicates(
     scaled: bool | None = None,
     mirrored: bool | None = None,
     variants: bool | None = None,
+    decided: bool | None = None,
     **filters: Unpack[Filters],
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
 
     With `scaled`, copies of other sizes join groups too; with `variants`, rigid copies but for a local
-    difference; without `mirrored`, mirror images do not.
+    difference; with `decided`, shapes that are decided; without `mirrored`, mirror images do not.
     """
-    options = given(max_residual=max_residual, scaled=scaled, mirrored=mirrored, variants=variants)
+    options = given(
+        max_residual=max_residual, scaled=scaled, mirrored=mirrored, variants=variants, decided=decided
+    )
     params = _filtered(filters) | options
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
+
+
+def decide(
+    shapes: Sequence[str], decision: Decision, *, decided_by: str | None = None, reason: str = ""
+) -> Call[Decided]:
+    """Decide every pair of some shapes, which `duplicates` does not show again."""
+    body = {"shapes": list(shapes), "decision": decision, "reason": reason} | given(decided_by=decided_by)
+    return Call("POST", "/duplicates/decisions", parsed(Decided), json=body)
+
+
+def decisions() -> Call[Step[DecidedPair]]:
+    """List the decided pairs, the oldest decision first."""
+    return pages("/duplicates/decisions", DecisionPage, lambda answer: answer.decisions)
+
+
+def delete_decision(decision_id: str) -> Call[None]:
+    """Undo a decision."""
+    return Call("DELETE", f"/duplicates/decisions/{segment(decision_id)}", nothing)
+
+
+def merge(shapes: Sequence[str], *, keep: str = "oldest") -> Call[MergedShape]:
+    """Merge shapes into the oldest, the newest, the largest or the one with an id; the others are deleted."""
+    body = {"shapes": list(shapes), "keep": keep}
+    return Call("POST", "/duplicates/merge", parsed(MergedShape), json=body)
+
+
+def apply_rule(rule: Rule) -> Call[Decided]:
+    """Decide or merge all groups of duplicates that meet a rule; a dry run, the default, counts them."""
+    body = rule.model_dump(mode="json", exclude_none=True)
+    return Call("POST", "/duplicates/rule", parsed(Decided), json=body)
 
 
 def suggestions(shape_id: str, *, least_share: float | None = None) -> Call[Suggestions]:

@@ -11,6 +11,7 @@ import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
 from service.collection import is_name
+from service.duplicates.decision_schemas import DecisionPage
 from service.errors import ExpectedError
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 from service.jobs.schemas import JobFilePage, JobPage
@@ -27,7 +28,9 @@ Conditions = Mapping[str, JsonValue] | Sequence[str]
 T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
-PageModel = TypeVar("PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage)
+PageModel = TypeVar(
+    "PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage, DecisionPage
+)
 
 LONGEST_PAGE = 500
 """The most items on one page."""

@@ -1,7 +1,7 @@
 """Near-identical stored shapes.
 
 Stored shapes in, kept pairs out; filters in, groups of copies that are turned, scaled, mirrored or remeshed
-out.
+out; decisions on them kept.
 """
 
-__all__ = ["endpoints", "schemas", "service"]
+__all__ = ["decision_endpoints", "decision_schemas", "endpoints", "records", "schemas", "service"]

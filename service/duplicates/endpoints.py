@@ -45,6 +45,9 @@ class DuplicatesOptions(NamedInAddress, Filters):
         default=False,
         description="Also join variants: rigid copies but for a local difference, such as one hole more.",
     )
+    decided: bool = Field(
+        default=False, description="Also show shapes that are decided (POST /duplicates/decisions)."
+    )
     format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
 
 
@@ -88,7 +91,7 @@ async def duplicates(
     async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
         fingerprint = active_pipeline.fingerprint
         bounds = Search(fingerprint, options.variants, options.max_residual)
-        counted = Counted(options.scaled, options.mirrored)
+        counted = Counted(options.scaled, options.mirrored, options.decided)
         return await service.find(container, shapes, bounds, counted, active_pipeline, timings)
 
     async with container.queue.admitted(request):

@@ -1,12 +1,14 @@
 """Near-identical pairs: the search for them, the criteria of a report, and the groups that pairs join."""
 
 from collections import deque
-from collections.abc import Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 from core.ranking.likeness import Copy, copy_likeness
 from core.registration.similarity import RESIDUAL
+from service.duplicates.records import Decision, Pair, pair_of
 from service.search.local_difference import LocalDifference
 
 
@@ -39,10 +41,11 @@ class Search:
 
 @dataclass(frozen=True)
 class Counted:
-    """Which copies count as duplicates besides those of one size: scaled ones, and mirror images."""
+    """Which copies count besides undecided ones of one size: scaled ones, mirror images, and decided ones."""
 
     scaled: bool = False
     mirrored: bool = True
+    decided: bool = False
 
 
 @dataclass(frozen=True)
@@ -153,3 +156,16 @@ def _neighbour(member: GroupMember, link: Link) -> GroupMember:
         difference=difference,
         compared_with=compared_with,
     )
+
+
+def undecided(
+    groups: Sequence[Sequence[int]], files: Mapping[int, str], decided: Mapping[Pair, Decision]
+) -> Set[int]:
+    """Return the shapes of groups, by number, that form an undecided pair with another one of their group."""
+    return {
+        shape
+        for group in groups
+        for pair in combinations(group, 2)
+        if pair_of(files[pair[0]], files[pair[1]]) not in decided
+        for shape in pair
+    }

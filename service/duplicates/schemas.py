@@ -6,10 +6,22 @@ import io
 from pydantic import BaseModel, Field
 
 from core.ranking.likeness import Likeness
+from service.duplicates.records import Decision
 from service.search.local_difference import LocalDifference
 from service.shapes.schemas import Shape
 
-COLUMNS = ("group", "id", "name", "likeness", "scale", "cc", "residual", "difference", "compared_with")
+COLUMNS = (
+    "group",
+    "id",
+    "name",
+    "likeness",
+    "scale",
+    "cc",
+    "residual",
+    "difference",
+    "compared_with",
+    "decision",
+)
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
@@ -35,6 +47,9 @@ class Duplicate(BaseModel):
     compared_with: str | None = Field(
         default=None,
         description="With difference: the id of the shape that it compares with, mostly the first.",
+    )
+    decision: Decision | None = Field(
+        default=None, description="The decision on the shape and the first, if there is one."
     )
 
 
@@ -66,5 +81,7 @@ class DuplicatesAnswer(BaseModel):
                 name = f"'{shape.name}" if shape.name.startswith(FORMULA) else shape.name
                 text = "" if duplicate.difference is None else duplicate.difference.text
                 cells = duplicate.likeness, scale, duplicate.cc, duplicate.residual
-                rows.writerow([number, shape.id, name, *cells, text, duplicate.compared_with])
+                rows.writerow(
+                    [number, shape.id, name, *cells, text, duplicate.compared_with, duplicate.decision]
+                )
         return table.getvalue()

@@ -12,9 +12,10 @@ import numpy as np
 from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
-from service.duplicates import repository
-from service.duplicates.groups import Counted, Groups, Search
+from service.duplicates import decision_repository, repository
+from service.duplicates.groups import Counted, Groups, Search, undecided
 from service.duplicates.judging import ShapeJudge
+from service.duplicates.records import pair_of
 from service.duplicates.schemas import Duplicate, DuplicatesAnswer
 from service.errors import ServiceError, StorageFullError, StorageUnavailableError
 from service.index import neighbour_repository
@@ -55,7 +56,8 @@ async def find(
 
     Shapes that are not judged yet are judged first, for about `JUDGING_SECONDS`, where the archive can be
     written to. The kept pairs within the bounds join the shapes of the whole collection; the filter, sizes
-    and hands that count choose among the members of the groups.
+    and hands that count choose among the members of the groups. Shapes all of whose pairs in their group are
+    decided are left out unless these count, and a pair that is decided to differ joins no group.
     """
     kinds = (False, True) if bounds.variants else (False,)
     searches = [Search(bounds.fingerprint, variants) for variants in kinds]
@@ -81,10 +83,19 @@ def _report(
 ) -> DuplicatesAnswer:
     collection = wanted.collection
     shapes = repository.embedded(session, bounds.fingerprint, wanted)
+    links = repository.links_of(session, collection, bounds)
+    decided = decision_repository.decided(session, collection)
+    linked = {shape for link in links for shape in (link.first, link.second)}
+    files = decision_repository.hashes(session, linked) if decided else {}
     groups = Groups()
-    for link in repository.links_of(session, collection, bounds):
-        groups.join(link)
+    for link in links:
+        decision = decided.get(pair_of(files[link.first], files[link.second])) if decided else None
+        if counted.decided or decision != "different":
+            groups.join(link)
     members = groups.members(shapes, counted)
+    if decided and not counted.decided:
+        left = undecided([[member.shape for member in group] for group in members], files, decided)
+        members = groups.members(left, counted)
     shown = [member for group in members for member in group]
     compared_with = {member.compared_with for member in shown if member.compared_with is not None}
     numbers = sorted({member.shape for member in shown} | compared_with)
@@ -104,6 +115,9 @@ def _report(
                     cc=member.cc,
                     residual=member.residual,
                     difference=member.difference,
+                    decision=decided.get(pair_of(files[group[0].shape], files[member.shape]))
+                    if decided and member is not group[0]
+                    else None,
                     compared_with=records[member.compared_with].id if member.compared_with else None,
                 )
                 for member in group

@@ -381,14 +381,15 @@ def merged_fields(present: ShapeRecord, new: NewShape) -> dict[str, Any]:
     metadata = {**present.metadata, **new.metadata}
     fields: dict[str, Any] = {}
     if tags != list(present.tags):
-        fields["tags"] = _within_limits("tags", clean_tags, tags)
+        fields["tags"] = within_limits("tags", clean_tags, tags)
     # Python takes 1 and true for equal.
     if json.dumps(metadata) != json.dumps(present.metadata):
-        fields["metadata"] = _within_limits("metadata", clean_metadata, metadata)
+        fields["metadata"] = within_limits("metadata", clean_metadata, metadata)
     return fields
 
 
-def _within_limits(field: str, clean: Callable[[T], T], value: T) -> T:
+def within_limits(field: str, clean: Callable[[T], T], value: T) -> T:
+    """Return a joined field as `clean` returns it; raise BadRequestFieldsError if it refuses the field."""
     try:
         return clean(value)
     except ValueError as error:

@@ -7,7 +7,7 @@ fields, tags and metadata of a shape, or a pipeline.
 """
 
 from datetime import datetime
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -356,6 +356,31 @@ class JudgedShapeRow(Table):
     max_residual: Mapped[float]
     compared: Mapped[int]
     aligned: Mapped[int]
+
+
+class DuplicateDecisionRow(Table):
+    """A decision on two files of one collection, of which the first has the lesser SHA-256.
+
+    The hashes keep it when shapes are embedded again, renamed, or deleted and stored again; another file is
+    not decided. The rows of one act of deciding, as on a group of three shapes, share its `id`.
+    """
+
+    __tablename__ = "duplicate_decisions"
+    __table_args__ = (
+        UniqueConstraint("collection_number", "first_sha256", "second_sha256", name="one_decision_a_pair"),
+        Index("duplicate_decisions_by_id", "id"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(AnyText(36))
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number", ondelete="CASCADE"))
+    first_sha256: Mapped[str] = mapped_column(String(64))
+    second_sha256: Mapped[str] = mapped_column(String(64))
+    decision: Mapped[Literal["same", "variant", "different", "ignore"]] = mapped_column(String(16))
+    decided_by: Mapped[str | None] = mapped_column(String(64))
+    reason: Mapped[str] = mapped_column(String(1024))
+    decided_at: Mapped[datetime] = mapped_column(UtcDateTime)
 
 
 class NeighboursRow(Table):

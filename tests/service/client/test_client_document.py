@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from service.app import openapi_document
 from service.client import Client, Upload
+from service.duplicates.decision_schemas import Rule
 from tests.service.cli.awaited import Awaited
 
 DOCUMENT = openapi_document()
@@ -38,6 +39,7 @@ SEARCH = {
     "embedding": True,
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
+RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("upload", (FILE,), {**STORED, "split": "parts"}, "POST /shapes"),
@@ -99,6 +101,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
             "scaled": True,
             "mirrored": False,
             "variants": True,
+            "decided": True,
             "q": "w",
             "tag": ["a"],
             "name": "x",
@@ -107,6 +110,11 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
         },
         "GET /duplicates",
     ),
+    ("decide", (["id", "other"], "same"), {"decided_by": "a", "reason": "b"}, "POST /duplicates/decisions"),
+    ("decisions", (), {}, "GET /duplicates/decisions"),
+    ("delete_decision", ("id",), {}, "DELETE /duplicates/decisions/{decision_id}"),
+    ("merge", (["id", "other"],), {"keep": "newest"}, "POST /duplicates/merge"),
+    ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
     ("similarity_map", (), {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
     ("collections", (), {}, "GET /collections"),
@@ -115,7 +123,16 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("version", (), {}, "GET /version"),
     ("ready", (), {}, "GET /readyz"),
 ]
-SERIES = {"shapes", "deleted", "jobs", "job_files", "follow_job", "follow_source", "source_files"}
+SERIES = {
+    "shapes",
+    "deleted",
+    "decisions",
+    "jobs",
+    "job_files",
+    "follow_job",
+    "follow_source",
+    "source_files",
+}
 # Paths that browsers and probes ask for, and the one that `follow_job` does by asking again.
 NOT_CALLED = {
     "GET /healthz",

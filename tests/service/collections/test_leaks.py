@@ -60,14 +60,16 @@ class Secrets:
     """The content of the collection `secret`: ids by the request that made them, and hashes of files."""
 
     kept: str
+    twin: str
     deleted: str
     purged: str
     job: str
     source: str
+    decision: str
     hashes: tuple[str, ...]
 
     def ids(self) -> tuple[str, ...]:
-        return self.kept, self.deleted, self.purged, self.job, self.source
+        return self.kept, self.twin, self.deleted, self.purged, self.job, self.source, self.decision
 
 
 Send = Callable[[httpx.Client, Secrets], httpx.Response]
@@ -78,8 +80,8 @@ def to(method: str, path: str, **arguments: Any) -> Send:
 
     def send(client: httpx.Client, own: Secrets) -> httpx.Response:
         shape = {"/shapes/{shape_id}/restore": own.deleted, "/deleted/{shape_id}": own.purged}
-        ids = {"shape_id": shape.get(path, own.kept), "job_id": own.job, "source_id": own.source}
-        address = path.format(**ids)
+        ids = {"job_id": own.job, "source_id": own.source, "decision_id": own.decision}
+        address = path.format(shape_id=shape.get(path, own.kept), **ids)
         return client.request(method, address, **arguments)
 
     return send
@@ -91,6 +93,11 @@ def file(number: int) -> dict[str, Any]:
 
 def by_id(client: httpx.Client, own: Secrets) -> httpx.Response:
     return client.post("/query", json={"shape_id": own.kept, "top_k": 100})
+
+
+def both(path: str, **fields: Any) -> Send:
+    """A request that names two shapes."""
+    return lambda client, own: client.post(path, json={"shapes": [own.kept, own.twin], **fields})
 
 
 def comparison(client: httpx.Client, own: Secrets) -> httpx.Response:
@@ -140,6 +147,13 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/duplicates", params={"variants": True}),
         to("GET", "/duplicates", params={"format": "csv"}),
     ],
+    ("GET", "/duplicates/decisions"): [to("GET", "/duplicates/decisions")],
+    ("DELETE", "/duplicates/decisions/{decision_id}"): [to("DELETE", "/duplicates/decisions/{decision_id}")],
+    ("POST", "/duplicates/decisions"): [both("/duplicates/decisions", decision="different")],
+    ("POST", "/duplicates/rule"): [
+        to("POST", "/duplicates/rule", json={"action": "ignore", "likeness": ["same", "variant"]}),
+        to("POST", "/duplicates/rule", json={"action": "merge", "dry_run": False}),
+    ],
     ("POST", "/query"): [
         to("POST", "/query", **file(0), data={"top_k": 100}),
         to("POST", "/query", **file(0), data={"exhaustive": "true", "tag": SECRET}),
@@ -159,6 +173,7 @@ SENT: dict[Operation, list[Send]] = {
     ("POST", "/sources/{source_id}/confirm"): [to("POST", "/sources/{source_id}/confirm")],
     ("DELETE", "/sources/{source_id}"): [to("DELETE", "/sources/{source_id}")],
     ("PATCH", "/shapes/{shape_id}"): [to("PATCH", "/shapes/{shape_id}", json={"tags": ["seen"]})],
+    ("POST", "/duplicates/merge"): [both("/duplicates/merge")],
     ("PUT", "/shapes/{shape_id}/file"): [to("PUT", "/shapes/{shape_id}/file", **file(7))],
     ("POST", "/shapes/{shape_id}/restore"): [to("POST", "/shapes/{shape_id}/restore")],
     ("POST", "/jobs/{job_id}/cancel"): [to("POST", "/jobs/{job_id}/cancel")],
@@ -209,7 +224,10 @@ def secrets(running: Running) -> Iterator[Secrets]:
         assert source.headers["location"] == f"/sources/{source.json()['id']}?{PARAMETER}=secret"
         ids = [shape["id"] for shape in stored]
         hashes = tuple(shape["sha256"] for shape in stored[1:])
-        yield Secrets(ids[0], ids[2], ids[3], job["id"], source.json()["id"], hashes)
+        decided = {"shapes": ids[:2], "decision": "same", "decided_by": SECRET, "reason": SECRET}
+        decision = hidden.client.post("/duplicates/decisions", json=decided).json()["id"]
+        secrets = (job["id"], source.json()["id"], decision, hashes)
+        yield Secrets(*ids[:4], *secrets)
 
 
 def test_every_address_is_told_which_collection_or_has_to_do_with_none() -> None:
@@ -231,8 +249,10 @@ def test_nothing_of_another_collection_is_answered(
             answer = send(client, secrets)
             told = answer.text + str(answer.headers)
             if answer.status_code >= 400:
-                noun = next((noun for noun in ("job", "source") if noun in operation[1]), "shape")
-                assert_problem(answer, 404, f"{noun}-not-found")
+                missing = next(
+                    (kind for kind in ("job", "source", "decision") if f"{kind}_id" in operation[1]), "shape"
+                )
+                assert_problem(answer, 404, f"{missing}-not-found")
                 assert SECRET not in told
                 continue
             assert "{" not in operation[1]
@@ -257,4 +277,4 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
                 if answer.status_code == 202 and "archive" in answer.json():
                     ended(hidden.client, answer.json()["id"])
         names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
-        assert names == {f"{SECRET}-{name}.off" for name in ("twin", "of-a-job", "deleted")}
+        assert names == {f"{SECRET}-{name}.off" for name in ("of-a-job", "deleted")}

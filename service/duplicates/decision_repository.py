@@ -1,0 +1,104 @@
+"""The SQL of decisions on near-identical shapes."""
+
+import uuid
+from collections.abc import Collection, Iterable
+from datetime import UTC, datetime
+
+from sqlalchemy import delete, func, insert, select, tuple_
+
+from service.collection import CollectionNumber
+from service.duplicates.records import Decision, DecisionRecord, Pair
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import NOT_DELETED, BlobRow, DuplicateDecisionRow, ShapeRow
+
+AT_ONCE = 1_000
+
+
+def decide(
+    session: WriteSession,
+    collection: CollectionNumber,
+    pairs: Collection[Pair],
+    decision: Decision,
+    decided_by: str | None,
+    reason: str,
+) -> str:
+    """Store a decision on pairs, in the place of earlier ones, and return its id."""
+    row = DuplicateDecisionRow
+    act, ordered = str(uuid.uuid4()), sorted(pairs)
+    values = {"id": act, "collection_number": collection, "decision": decision, "decided_by": decided_by}
+    values |= {"reason": reason, "decided_at": datetime.now(UTC)}
+    for start in range(0, len(ordered), AT_ONCE):
+        some = ordered[start : start + AT_ONCE]
+        same = tuple_(row.first_sha256, row.second_sha256).in_(some)
+        session.execute(delete(row).where(row.collection_number == collection, same))
+        hashes = [{"first_sha256": first, "second_sha256": second} for first, second in some]
+        session.execute(insert(row), [{**values, **pair} for pair in hashes])
+    return act
+
+
+def decided(session: ReadSession, collection: CollectionNumber) -> dict[Pair, Decision]:
+    """Return the decisions of a collection by their pairs."""
+    row = DuplicateDecisionRow
+    query = select(row.first_sha256, row.second_sha256, row.decision)
+    rows = session.execute(query.where(row.collection_number == collection))
+    return {(first, second): decision for first, second, decision in rows}
+
+
+def hashes(session: ReadSession, shapes: Iterable[int]) -> dict[int, str]:
+    """Return the SHA-256 of the files of shapes, by their numbers."""
+    numbers = sorted(shapes)
+    query = select(ShapeRow.number, BlobRow.sha256).join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+    return {
+        number: sha256
+        for start in range(0, len(numbers), AT_ONCE)
+        for number, sha256 in session.execute(
+            query.where(ShapeRow.number.in_(numbers[start : start + AT_ONCE]))
+        )
+    }
+
+
+def page(
+    session: ReadSession, collection: CollectionNumber, *, after: int, limit: int
+) -> list[DecisionRecord]:
+    """Return the next `limit` decisions of a collection, the oldest first."""
+    row = DuplicateDecisionRow
+    query = select(row).where(row.collection_number == collection, row.number > after)
+    rows = session.scalars(query.order_by(row.number).limit(limit)).all()
+    wanted = {sha256 for each in rows for sha256 in (each.first_sha256, each.second_sha256)}
+    named = (
+        select(BlobRow.sha256, ShapeRow.id, ShapeRow.name)
+        .join(ShapeRow, ShapeRow.blob_number == BlobRow.number)
+        .where(BlobRow.sha256.in_(wanted), ShapeRow.collection_number == collection, NOT_DELETED)
+        .order_by(ShapeRow.number)
+    )
+    shapes: dict[str, dict[str, str]] = {}
+    for sha256, shape_id, name in session.execute(named):
+        shapes.setdefault(sha256, {})[shape_id] = name
+    return [
+        DecisionRecord(
+            each.number,
+            each.id,
+            (each.first_sha256, each.second_sha256),
+            each.decision,
+            each.decided_by,
+            each.reason,
+            each.decided_at,
+            (shapes.get(each.first_sha256, {}), shapes.get(each.second_sha256, {})),
+        )
+        for each in rows
+    ]
+
+
+def count(session: ReadSession, collection: CollectionNumber) -> int:
+    """Return the number of the decided pairs of a collection."""
+    row = DuplicateDecisionRow
+    return session.scalar(select(func.count()).where(row.collection_number == collection)) or 0
+
+
+def remove(session: WriteSession, collection: CollectionNumber, decision_id: str) -> bool:
+    """Delete a decision on all its pairs; return whether the collection has it."""
+    row = DuplicateDecisionRow
+    wanted = row.collection_number == collection, row.id == decision_id
+    present = session.scalar(select(row.number).where(*wanted).limit(1)) is not None
+    session.execute(delete(row).where(*wanted))
+    return present

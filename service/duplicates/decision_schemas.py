@@ -1,0 +1,163 @@
+"""Decisions on near-identical shapes, and their merges, as JSON."""
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from core.ranking.likeness import Copy
+from core.registration.similarity import RESIDUAL
+from service.duplicates.records import Decision, DecisionRecord
+from service.shapes.fields import clean_id, clean_text
+from service.shapes.schemas import SHAPE, Filters, Page, Shape
+
+MOST_SHAPES = 100
+"""Shapes of one decision or merge."""
+
+OTHER = "6f1d1f52-0c57-4f0e-8c0b-0d4e6a1f9b22"
+
+
+def _distinct(ids: list[str]) -> list[str]:
+    if len(set(ids)) < len(ids):
+        raise ValueError("each id is given once")
+    return ids
+
+
+ShapeIds = Annotated[
+    list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]],
+    AfterValidator(_distinct),
+    Field(
+        min_length=2,
+        max_length=MOST_SHAPES,
+        description="The ids of the shapes.",
+        json_schema_extra={"uniqueItems": True},
+    ),
+]
+Keep = Literal["oldest", "newest", "largest"]
+"""The shape of a group that a merge keeps: the one stored first or last, or the one with the most faces."""
+
+
+class Reasoned(BaseModel):
+    """Who decides, and why."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    decided_by: Annotated[str, AfterValidator(clean_text)] | None = Field(
+        default=None,
+        max_length=64,
+        description="The name of the person who decides. Unless given, the first digits of the SHA-256 of "
+        "the key.",
+    )
+    reason: Annotated[str, AfterValidator(clean_text)] = Field(default="", max_length=1024)
+
+
+class GroupDecision(Reasoned):
+    """A decision on every pair of some shapes."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"example": {"shapes": [SHAPE["id"], OTHER], "decision": "different"}},
+    )
+
+    shapes: ShapeIds
+    decision: Decision = Field(
+        description="same: one shape; variant: versions of one; different: unlike in what counts; ignore: no "
+        "duplicates to look at. None of them is shown as a duplicate again until a file is replaced."
+    )
+
+
+class Decided(BaseModel):
+    """A decision that was stored."""
+
+    id: str | None = Field(description="The id, by which the decision is deleted; null after a dry run.")
+    groups: int = Field(description="The number of decided groups.")
+    pairs: int = Field(description="The number of decided pairs of files.")
+
+
+class DecidedSide(BaseModel):
+    """A file of a decision, and the stored shapes that have it, if any."""
+
+    sha256: str
+    shapes: dict[str, str] = Field(description="The names of the shapes by their ids.")
+
+
+class DecidedPair(BaseModel):
+    """A decision on two files."""
+
+    id: str
+    decision: Decision
+    decided_by: str | None
+    reason: str
+    decided_at: datetime
+    first: DecidedSide
+    second: DecidedSide
+
+    @classmethod
+    def of(cls, record: DecisionRecord) -> "DecidedPair":
+        """Return the JSON of a decision."""
+        first, second = (
+            DecidedSide(sha256=sha256, shapes=dict(shapes))
+            for sha256, shapes in zip(record.pair, record.shapes, strict=True)
+        )
+        fields = {
+            name: getattr(record, name) for name in ("id", "decision", "decided_by", "reason", "decided_at")
+        }
+        return cls(**fields, first=first, second=second)
+
+
+class DecisionPage(Page):
+    """Decided pairs, the oldest decision first."""
+
+    decisions: list[DecidedPair]
+
+
+class Merge(BaseModel):
+    """Shapes to merge into one."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"shapes": [SHAPE["id"], OTHER], "keep": "oldest"}}
+    )
+
+    shapes: ShapeIds
+    keep: Annotated[str, AfterValidator(clean_id)] = Field(
+        default="oldest",
+        max_length=64,
+        description="The shape that stays: the id of one of the shapes, the oldest, the newest, or the one "
+        "with the most faces (largest).",
+    )
+
+
+class MergedShape(BaseModel):
+    """The shape that stays after a merge.
+
+    To undo the merge, restore the `deleted` shapes, and give the shape its former tags and metadata.
+    """
+
+    shape: Shape
+    former: Shape = Field(description="The same shape as it was.")
+    deleted: list[str] = Field(description="The ids of the deleted shapes, which can be restored.")
+
+
+class Rule(Reasoned, Filters):
+    """Groups of near-identical shapes, and what is done with all of them.
+
+    The groups are those of GET /duplicates with the same options.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"example": {"action": "merge", "likeness": ["same"], "dry_run": True}},
+    )
+
+    action: Decision | Literal["merge"]
+    likeness: list[Copy] = Field(
+        default=["same"],
+        min_length=1,
+        description="Only groups whose shapes all have one of these likenesses to the first.",
+    )
+    max_residual: float = Field(default=RESIDUAL, gt=0.0, le=RESIDUAL)
+    scaled: bool = False
+    mirrored: bool = True
+    variants: bool = False
+    keep: Keep = Field(default="oldest", description="With merge: the shape of each group that stays.")
+    dry_run: bool = Field(default=True, description="Count the groups, and change nothing.")

@@ -1,0 +1,170 @@
+"""Decisions on near-identical shapes: decide, merge, and do either with all groups that meet a rule."""
+
+from collections.abc import Mapping, Sequence
+from datetime import timedelta
+from itertools import combinations
+from typing import Any
+
+from service.collection import CollectionNumber
+from service.container import Container
+from service.duplicates import decision_repository, service
+from service.duplicates.decision_schemas import (
+    Decided,
+    DecidedPair,
+    DecisionPage,
+    GroupDecision,
+    MergedShape,
+    Rule,
+)
+from service.duplicates.groups import Counted, Search
+from service.duplicates.records import Decision, pair_of
+from service.errors import BadRequestFieldsError, FieldFault, ServiceError
+from service.observability.metrics import Timings
+from service.pipelines.active import ActivePipeline
+from service.shapes import service as shapes_service
+from service.shapes.fields import clean_metadata, clean_tags
+from service.shapes.records import ShapeRecord
+from service.shapes.schemas import Shape, ShapeChanges, write_cursor
+from service.storage.database import ReadSession, WriteSession
+
+
+class DecisionNotFoundError(ServiceError, kind="decision-not-found"):
+    """The collection has no decision with the id."""
+
+
+def decide(
+    session: WriteSession, collection: CollectionNumber, wanted: GroupDecision, decided_by: str | None
+) -> Decided:
+    """Decide every pair of some shapes.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    """
+    files = [shapes_service.get(session, collection, each).sha256 for each in wanted.shapes]
+    return _store(session, collection, [files], wanted.decision, decided_by, wanted.reason)
+
+
+def _store(
+    session: WriteSession,
+    collection: CollectionNumber,
+    groups: Sequence[Sequence[str]],
+    decision: Decision,
+    decided_by: str | None,
+    reason: str,
+) -> Decided:
+    """Decide every pair of files of each group, in one act."""
+    pairs = {pair_of(first, second) for group in groups for first, second in combinations(group, 2)}
+    act = decision_repository.decide(session, collection, pairs, decision, decided_by, reason)
+    return Decided(id=act, groups=len(groups), pairs=len(pairs))
+
+
+def list_decisions(
+    session: ReadSession, collection: CollectionNumber, *, after: int, limit: int
+) -> DecisionPage:
+    """Return one page of the decided pairs of a collection."""
+    rows = decision_repository.page(session, collection, after=after, limit=limit + 1)
+    return DecisionPage(
+        decisions=[DecidedPair.of(record) for record in rows[:limit]],
+        total=decision_repository.count(session, collection),
+        next_cursor=write_cursor(rows[limit - 1].number) if len(rows) > limit else None,
+    )
+
+
+def remove(session: WriteSession, collection: CollectionNumber, decision_id: str) -> None:
+    """Delete a decision.
+
+    Raises
+    ------
+    DecisionNotFoundError
+    """
+    if not decision_repository.remove(session, collection, decision_id):
+        raise DecisionNotFoundError(decision_id)
+
+
+def merge(
+    session: WriteSession, collection: CollectionNumber, shapes: Sequence[str], keep: str, undo: timedelta
+) -> MergedShape:
+    """Give one shape the tags and the metadata of all, and delete the others, restorable for the time `undo`.
+
+    The metadata of the shape that stays override those of the others, and older ones override newer ones.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        The collection has no such shape.
+    BadRequestFieldsError
+        None of the shapes has the id `keep`, or all together have more tags or metadata than one may have.
+    """
+    records = sorted(
+        (shapes_service.get(session, collection, each) for each in shapes), key=lambda record: record.number
+    )
+    kept = _kept(records, keep)
+    others = [record for record in records if record is not kept]
+    changes = ShapeChanges(**_joined(kept, others))
+    for record in others:
+        shapes_service.delete(session, collection, record.id, undo)
+    after = shapes_service.change(session, collection, kept.id, changes, collection)
+    return MergedShape(shape=Shape.of(after), former=Shape.of(kept), deleted=[record.id for record in others])
+
+
+def _kept(records: Sequence[ShapeRecord], keep: str) -> ShapeRecord:
+    """Return the one of some shapes, the oldest first, that a merge keeps."""
+    if keep in {"oldest", "newest"}:
+        return records[0 if keep == "oldest" else -1]
+    if keep == "largest":
+        return max(records, key=lambda record: record.facts["faces"])
+    for record in records:
+        if record.id == keep:
+            return record
+    raise BadRequestFieldsError(
+        FieldFault("keep", "must be oldest, newest, largest or the id of one of the shapes")
+    )
+
+
+def _joined(kept: ShapeRecord, others: Sequence[ShapeRecord]) -> Mapping[str, Any]:
+    """Return the fields of a shape that it gets from others, if any."""
+    tags = list(dict.fromkeys([*kept.tags, *(tag for record in others for tag in record.tags)]))
+    metadata = dict(kept.metadata)
+    for record in others:
+        metadata |= {key: value for key, value in record.metadata.items() if key not in metadata}
+    joined: dict[str, Any] = {}
+    if tags != list(kept.tags):
+        joined["tags"] = shapes_service.within_limits("tags", clean_tags, tags)
+    if metadata.keys() != kept.metadata.keys():
+        joined["metadata"] = shapes_service.within_limits("metadata", clean_metadata, metadata)
+    return joined
+
+
+async def apply_rule(
+    container: Container,
+    collection: CollectionNumber,
+    rule: Rule,
+    decided_by: str | None,
+    active_pipeline: ActivePipeline,
+) -> Decided:
+    """Decide or merge all groups that meet a rule, in one transaction; a dry run counts them."""
+    bounds = Search(active_pipeline.fingerprint, rule.variants, rule.max_residual)
+    counted = Counted(rule.scaled, rule.mirrored)
+    wanted = rule.filtered(collection)
+    answer = await service.find(container, wanted, bounds, counted, active_pipeline, Timings())
+    groups = [
+        [duplicate.shape for duplicate in group]
+        for group in answer.groups
+        if all(duplicate.likeness in rule.likeness for duplicate in group)
+    ]
+    pairs = sum(len(group) * (len(group) - 1) // 2 for group in groups)
+    if rule.dry_run or not groups:
+        return Decided(id=None, groups=len(groups), pairs=pairs)
+
+    def apply(session: WriteSession) -> Decided:
+        if rule.action != "merge":
+            files = [[shape.sha256 for shape in group] for group in groups]
+            return _store(session, collection, files, rule.action, decided_by, rule.reason)
+        for group in groups:
+            ids = [shape.id for shape in group]
+            merge(session, collection, ids, rule.keep, container.settings.undo_time)
+        return Decided(id=None, groups=len(groups), pairs=pairs)
+
+    return await container.database.writing(apply)

@@ -1,0 +1,173 @@
+"""Decisions on near-identical shapes: they last, and follow the files; merges, which can be undone."""
+
+import csv
+import io
+import json
+from datetime import timedelta
+from typing import Any
+
+import pytest
+from sqlalchemy import delete
+
+from service.client import Client
+from service.duplicates.decision_schemas import Rule
+from service.duplicates.groups import undecided
+from service.duplicates.records import Decision, Pair, pair_of
+from service.shapes.service import purge_old
+from service.storage.tables import DuplicateDecisionRow
+from tests.service.engines import on_both
+from tests.service.support import Running, assert_problem, module_service, small_file
+
+pytestmark = on_both
+
+keeping = module_service(undo_days=3)
+"""A service that keeps deleted shapes."""
+
+AGAIN = b"# written again\n"
+
+
+@pytest.fixture
+def service(keeping: Running) -> Running:
+    """The same, holding nothing."""
+    keeping.clear()
+    purge_old(keeping.container.database, timedelta(0))
+    with keeping.container.database.write() as session:
+        session.execute(delete(DuplicateDecisionRow))
+    return keeping
+
+
+@pytest.fixture
+def copies(service: Running) -> list[str]:
+    """The ids of three shapes of one form, two of them with one file, and of another."""
+    whole = small_file(0)
+    names = {"one.off": whole, "two.off": whole, "three.off": whole + AGAIN, "other.off": small_file(3)}
+    return [
+        service.store(data, name, tags=f"all,{name[:3]}", metadata=json.dumps({"from": name, name: 1}))["id"]
+        for name, data in names.items()
+    ]
+
+
+def groups(service: Running, **wanted: Any) -> list[set[str]]:
+    answer = service.client.get("/duplicates", params=wanted).json()
+    return [{one["shape"]["id"] for one in group} for group in answer["groups"]]
+
+
+def decide(service: Running, shapes: list[str], decision: str, **fields: str) -> dict[str, Any]:
+    body = {"shapes": shapes, "decision": decision, **fields}
+    answer = service.client.post("/duplicates/decisions", json=body)
+    assert answer.status_code == 201, answer.text
+    return dict(answer.json())
+
+
+def test_a_shape_stays_while_one_of_its_pairs_is_undecided() -> None:
+    files = {1: "a", 2: "b", 3: "c", 4: "d", 5: "d"}
+    decided: dict[Pair, Decision] = {pair_of("b", "a"): "same", pair_of("a", "c"): "ignore"}
+    assert undecided([[1, 2, 3]], files, decided) == {2, 3}
+    assert undecided([[1, 2]], files, decided) == set()
+    # Two shapes with one file are a pair like any other.
+    assert undecided([[4, 5]], files, decided) == {4, 5}
+    assert undecided([[4, 5]], files, {**decided, pair_of("d", "d"): "same"}) == set()
+
+
+def test_a_decided_pair_comes_back_only_with_another_file(service: Running, copies: list[str]) -> None:
+    one, two, three, _ = copies
+    client = service.client
+    assert groups(service) == [{one, two, three}]
+    first = decide(service, [one, two], "same")
+    # Each of them is a pair with the third, which is not decided.
+    assert groups(service) == [{one, two, three}]
+    act = decide(service, copies[:3], "variant", decided_by="Ann", reason="checked")
+    assert (act["pairs"], groups(service), groups(service, decided=True)) == (2, [], [{one, two, three}])
+    pairs = client.get("/duplicates/decisions").json()
+    assert pairs["total"] == 2
+    said = {(each["decision"], each["decided_by"], each["reason"]) for each in pairs["decisions"]}
+    assert said == {("variant", "Ann", "checked")}
+    sides = [sorted(each[side]["shapes"]) for each in pairs["decisions"] for side in ("first", "second")]
+    assert sorted(sides) == sorted([sorted([one, two])] * 3 + [[three]])
+    # It has taken the place of the first decision.
+    assert_problem(client.delete(f"/duplicates/decisions/{first['id']}"), 404, "decision-not-found")
+
+    # It lasts when shapes are renamed, and deleted and stored again.
+    client.patch(f"/shapes/{one}", json={"name": "renamed.off"})
+    client.delete(f"/shapes/{three}")
+    again = service.store(small_file(0) + AGAIN, "again.off")["id"]
+    assert (groups(service), groups(service, decided=True)) == ([], [{one, two, again}])
+    rows = client.get("/duplicates", params={"decided": True, "format": "csv"}).text
+    assert [row["decision"] for row in csv.DictReader(io.StringIO(rows))] == ["", "variant", "variant"]
+
+    replaced = {"file": ("two.off", small_file(0) + b"# another\n")}
+    assert client.put(f"/shapes/{two}/file", files=replaced).status_code == 200
+    assert groups(service) == [{one, two, again}]
+    decide(service, [one, two, again], "ignore")
+    assert groups(service) == []
+
+
+def test_a_pair_that_differs_joins_no_group(service: Running, copies: list[str]) -> None:
+    one, two, three, other = copies
+    act = decide(service, [one, three], "different")
+    assert groups(service) == [{one, two}]
+    assert service.client.delete(f"/duplicates/decisions/{act['id']}").status_code == 204
+    assert groups(service) == [{one, two, three}]
+    for wrong in ([one], [one, one], [one] * 101):
+        body = {"shapes": wrong, "decision": "same"}
+        assert_problem(service.client.post("/duplicates/decisions", json=body), 422, "bad-request-fields")
+    body = {"shapes": [other, "no such id"], "decision": "same"}
+    assert_problem(service.client.post("/duplicates/decisions", json=body), 404, "shape-not-found")
+
+
+def test_a_merge_joins_what_was_written_and_can_be_undone(service: Running) -> None:
+    client = service.client
+    fields: dict[str, tuple[str, dict[str, Any]]] = {
+        "b.off": ("red", {"x": 1, "y": "b"}),
+        "a.off": ("blue,red", {"y": "a", "z": [2]}),
+        "c.off": ("green", {}),
+    }
+    ids = [
+        service.store(small_file(0) + b"# " + name.encode(), name, tags=tags, metadata=json.dumps(metadata))[
+            "id"
+        ]
+        for name, (tags, metadata) in fields.items()
+    ]
+
+    def stored() -> list[Any]:
+        records = [client.get(f"/shapes/{each}").json() for each in ids]
+        for record in records:
+            del record["updated_at"]
+        return [records, [client.get(f"/shapes/{each}/file").content for each in ids]]
+
+    before = stored()
+    merged = client.post("/duplicates/merge", json={"shapes": ids[::-1], "keep": ids[1]}).json()
+    assert merged["shape"]["tags"] == ["blue", "red", "green"]
+    assert merged["shape"]["metadata"] == {"y": "a", "z": [2], "x": 1}
+    assert merged["deleted"] == [ids[0], ids[2]]
+    assert [shape["id"] for shape in client.get("/shapes").json()["shapes"]] == [ids[1]]
+    for each in merged["deleted"]:
+        assert client.post(f"/shapes/{each}/restore").status_code == 200
+    former = {name: merged["former"][name] for name in ("tags", "metadata")}
+    assert client.patch(f"/shapes/{ids[1]}", json=former).status_code == 200
+    assert stored() == before
+    wrong = client.post("/duplicates/merge", json={"shapes": ids, "keep": "none of them"})
+    assert_problem(wrong, 422, "bad-request-fields")
+
+
+def test_a_rule_is_tried_before_it_is_applied(service: Running, copies: list[str]) -> None:
+    one, two, three, other = copies
+    with Client(str(service.client.base_url)) as client:
+        for rule in (
+            Rule(action="ignore", dry_run=False),
+            Rule(action="merge", keep="newest", dry_run=False),
+        ):
+            tried = client.apply_rule(rule.model_copy(update={"dry_run": True}))
+            assert (tried.groups, tried.pairs, tried.id) == (1, 3, None)
+            assert client.apply_rule(rule.model_copy(update={"likeness": ["mirrored"]})).groups == 0
+            assert groups(service) == [{one, two, three}]
+            done = client.apply_rule(rule)
+            assert done.groups == 1
+            assert groups(service) == []
+            if done.id is not None:
+                assert len(list(client.decisions())) == done.pairs == 2
+                client.delete_decision(done.id)
+        left = {shape.id: shape for shape in client.shapes()}
+    assert set(left) == {three, other}
+    assert left[three].tags == ["all", "thr", "one", "two"]
+    assert left[three].metadata == {"from": "three.off", "three.off": 1, "one.off": 1, "two.off": 1}
