@@ -2,8 +2,9 @@
 
 import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
+import { choices, decide, decisionOf, UNDO, undo, wordOf } from "./decisions.js";
 import { deleted, erased } from "./deleted.js";
-import { byId, make, showError } from "./dom.js";
+import { button, byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { current, keep } from "./state.js";
@@ -20,15 +21,20 @@ const status = byId("duplicates-status", HTMLElement);
 const errorBox = byId("duplicates-error", HTMLElement);
 const more = byId("duplicates-more", HTMLButtonElement);
 const exported = byId("duplicates-export", HTMLAnchorElement);
+const offer = byId("duplicates-decided", HTMLElement);
 
-let deletions = false;
+let changes = false;
 /** @type {Duplicate[][]} */
 let groups = [];
+let searched = { shapes: 0, unjudged: 0 };
 /** Number of the current list; a response for an earlier list is discarded. */
 let generation = 0;
 
-/** @param {boolean} may Whether shapes may be deleted. */
-export const allowDeletions = (may) => (deletions = may);
+/** @param {boolean} may Whether shapes may be deleted, and groups decided. */
+export const allowDeletions = (may) => {
+  changes = may;
+  byId("duplicates-keys", HTMLElement).hidden = !may;
+};
 
 /**
  * Show the groups of the address.
@@ -65,14 +71,21 @@ async function load() {
 /** @param {Duplicates} found */
 function show(found) {
   groups = found.groups;
+  searched = found;
   exported.hidden = groups.length === 0;
   exported.href = address("duplicates", new URLSearchParams([...parametersOf(form), ["format", "csv"]]));
   const shown = Math.max(PAGE, list.children.length);
   list.replaceChildren();
   append(shown);
-  const counted = groups.length === 0 ? `No duplicates among ${found.shapes} shapes.`
-    : `${groups.length} ${groups.length === 1 ? "group" : "groups"} of duplicates among ${found.shapes} shapes.`;
-  const left = found.unjudged === 0 ? "" : ` ${found.unjudged} shapes are still to be compared.`;
+  tell();
+}
+
+/** Tell the number of groups. */
+function tell() {
+  const { shapes, unjudged } = searched;
+  const counted = groups.length === 0 ? `No duplicates among ${shapes} shapes.`
+    : `${groups.length} ${groups.length === 1 ? "group" : "groups"} of duplicates among ${shapes} shapes.`;
+  const left = unjudged === 0 ? "" : ` ${unjudged} shapes are still to be compared.`;
   status.textContent = counted + left;
 }
 
@@ -85,8 +98,46 @@ function append(count) {
 
 /** @param {Duplicate[]} members */
 const group = (members) => make(
-  "li", {}, make("h3", {}, `${members.length} shapes`), make("ul", { className: "gallery" }, ...members.map(item)),
+  "li", { tabIndex: -1 },
+  make("h3", {}, `${members.length} shapes`),
+  ...(changes ? [choices((decision) => settle(members, decision))] : []),
+  make("ul", { className: "gallery" }, ...members.map(item)),
 );
+
+/**
+ * Decide a group, which leaves the list; the next one gets the focus.
+ * @param {Duplicate[]} members
+ * @param {string} decision
+ */
+async function settle(members, decision) {
+  try {
+    await decide(members, decision);
+    showError(errorBox);
+    const place = groups.indexOf(members);
+    if (place < 0) return load();
+    groups.splice(place, 1);
+    list.children[place].remove();
+    if (list.children.length === 0) append(PAGE);
+    tell();
+    offer.replaceChildren(`${wordOf(decision)}: ${members[0].shape.name}. `, button("Undo", takeBack));
+    const next = /** @type {HTMLElement | undefined} */ (list.children[place] ?? list.lastElementChild ?? offer);
+    next?.focus();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+}
+
+/** Undo the latest decision. */
+async function takeBack() {
+  try {
+    if (!await undo()) return;
+    offer.replaceChildren("The decision was undone.");
+    offer.focus({ preventScroll: true });
+    load();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+}
 
 /** What differs, and from which shape, if that is not the first. @param {Duplicate} one @param {Duplicate[]} members */
 function differs({ difference, compared_with }, members) {
@@ -102,7 +153,7 @@ function differs({ difference, compared_with }, members) {
  */
 function item(one, place, members) {
   const { shape } = one;
-  const made = shapeCard(shape, menuButton(shape, deletions ? () => remove(shape) : null));
+  const made = shapeCard(shape, menuButton(shape, changes ? () => remove(shape) : null));
   const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one));
   made.querySelector(".name")?.after(line, make("p", { className: "change" }, differs(one, members)));
   return made;
@@ -124,4 +175,17 @@ form.addEventListener("change", () => {
   load();
 });
 form.addEventListener("submit", (event) => event.preventDefault());
+document.addEventListener("keydown", (event) => {
+  const { key, target, repeat, ctrlKey, altKey, metaKey } = event;
+  const writes = target instanceof HTMLInputElement || target instanceof HTMLSelectElement || target instanceof HTMLTextAreaElement;
+  if (!changes || current().view !== "duplicates" || writes || repeat || ctrlKey || altKey || metaKey) return;
+  if (key.toLowerCase() === UNDO) {
+    takeBack();
+    return;
+  }
+  const decision = decisionOf(key);
+  const place = [...list.children].findIndex((child) => child.contains(document.activeElement));
+  const members = groups[Math.max(place, 0)];
+  if (decision !== undefined && members !== undefined) settle(members, decision);
+});
 more.addEventListener("click", () => append(PAGE));

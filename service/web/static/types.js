@@ -39,6 +39,7 @@
  * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number,
  *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
+ * @typedef {{ id: string, groups: number, pairs: number }} Decided
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  * @typedef {{ formats: { name: string, title: string, endings: string[], read: boolean, written: boolean }[] }} Version

@@ -314,6 +314,42 @@ def test_switches_say_which_copies_count_and_the_groups_are_exported(
     expect(names).to_have_count(3)
 
 
+def test_groups_are_decided_one_after_another_by_keys(visit: Visit, service: Running) -> None:
+    meshes = {
+        "bracket": part("bracket", Drawing(6, 0.1)),
+        **{name: make_shape(name, 0) for name in ("cup", "plane")},
+    }
+    for name, mesh in meshes.items():
+        for copy in range(2):
+            service.store(write_mesh(moved(mesh, copy), "stl"), f"{name}-{copy}.stl")
+    page = visit.open("duplicates")
+    groups = page.locator("#duplicates > li")
+    expect(groups).to_have_count(3)
+    assert serious(page) == []
+    page.keyboard.press("1")
+    expect(groups).to_have_count(2)
+    expect(page.locator("#duplicates-decided")).to_contain_text("Same: bracket-0.stl.")
+    groups.nth(1).get_by_role("button", name="Different").click()
+    expect(groups).to_have_count(1)
+    page.keyboard.press("2")
+    expect(groups).to_have_count(0)
+    expect(page.locator("#duplicates-status")).to_have_text("No duplicates among 12 shapes.")
+
+    def decided() -> list[str]:
+        pairs = service.client.get("/duplicates/decisions").json()["decisions"]
+        return [pair["decision"] for pair in pairs]
+
+    assert decided() == ["same", "different", "variant"]
+    page.keyboard.press("u")
+    expect(groups).to_have_count(1)
+    expect(page.locator("#duplicates-decided")).to_have_text("The decision was undone.")
+    page.locator("#duplicates-words").press_sequentially("1u")
+    assert decided() == ["same", "different"]
+    page.locator("#duplicates-words").fill("")
+    page.get_by_label("Decided ones too").check()
+    expect(groups).to_have_count(3)
+
+
 def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, service: Running) -> None:
     page = visit.open("browse")
     expect(page.locator("#gallery li")).to_have_count(6)
