@@ -103,7 +103,7 @@ PUBLIC = frozenset(
 PAGE_FILES = "/page/"
 
 # POST requests that change no stored data.
-READING_POSTS = frozenset({"/query", "/compare", "/preview", "/session"})
+READING_POSTS = frozenset({"/query", "/query/batch", "/compare", "/preview", "/session"})
 
 
 def of_all_collections(method: str, path: str) -> bool:

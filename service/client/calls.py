@@ -29,8 +29,9 @@ from service.duplicates.records import Decision
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
-from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.search.schemas import BatchAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import Suggestions
+from service.shapes.bulk_schemas import BulkChange, BulkChanged
 from service.shapes.facets import Facets
 from service.shapes.records import Sort
 from service.shapes.schemas import (
@@ -185,6 +186,13 @@ def update(
     return Call("PATCH", _shape(shape_id), parsed(Shape), json=changes)
 
 
+def update_all(change: BulkChange) -> Call[BulkChanged]:
+    """Change all shapes that pass a filter; a dry run, the default, counts them."""
+    return Call(
+        "PATCH", "/shapes", parsed(BulkChanged), json=change.model_dump(mode="json", exclude_none=True)
+    )
+
+
 def delete(shape_id: str, *, permanent: bool = False) -> Call[None]:
     """Delete a shape; with `permanent`, for good at once."""
     return Call("DELETE", _shape(shape_id), nothing, params=given(permanent=permanent or None))
@@ -236,6 +244,12 @@ def similar(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
 def query_shape(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
     """Return the answer of `similar`; the options are in the body, so a long list of ids fits."""
     return Call("POST", "/query", parsed(QueryAnswer), json={"shape_id": shape_id, **_checked(options)})
+
+
+def query_batch(shape_ids: Sequence[str], **options: Any) -> Call[BatchAnswer]:  # noqa: ANN401
+    """Find the stored shapes most similar to each of up to 100 stored ones, with the options of `similar`."""
+    body = {"shape_ids": list(shape_ids), **_checked(options)}
+    return Call("POST", "/query/batch", parsed(BatchAnswer), json=body)
 
 
 def compare(

@@ -1,5 +1,6 @@
 """The addresses /query, /map, and /similar and /suggestions of a shape."""
 
+import asyncio
 from functools import partial
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from starlette.concurrency import run_in_threadpool
 
 from core.io import format_of
 from service.collections.endpoints import InCollection, NamedInAddress
+from service.compute.request_queue import together
 from service.container import Service
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
@@ -23,7 +25,7 @@ from service.search.answer import (
     with_active_pipeline,
 )
 from service.search.map import map_sheet, similarity_map_of
-from service.search.schemas import MapAnswer, QueryAnswer, SearchOptions
+from service.search.schemas import BatchAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
 from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import MeshUpload, ShapeId
@@ -31,6 +33,9 @@ from service.shapes.fields import clean_id
 from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
+
+BATCH, BATCH_AT_ONCE = 100, 2
+"""Queries of a batch, and those of one batch that run at a time: one is read while another is compared."""
 
 
 class QueryParameters(NamedInAddress, SearchOptions):
@@ -48,6 +53,16 @@ class StoredQuery(SearchOptions):
 
     shape_id: Annotated[str, AfterValidator(clean_id)] = Field(
         description="The id of the shape to search with.", max_length=64
+    )
+
+
+class BatchQuery(SearchOptions):
+    """Queries with stored shapes, and the options of all of them."""
+
+    model_config = ConfigDict(json_schema_extra={"example": {"shape_ids": [SHAPE["id"]], "top_k": 3}})
+
+    shape_ids: list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]] = Field(
+        min_length=1, max_length=BATCH, description="The ids of the shapes to search with."
     )
 
 
@@ -113,6 +128,37 @@ async def similar(
 ) -> QueryAnswer:
     """Search with a stored shape: the same as `POST /query` with the shape's id and these options."""
     return await query(request, container, collection, options, StoredQuery(shape_id=shape_id))
+
+
+@router.post(
+    "/query/batch",
+    summary="Find shapes similar to each of several stored ones",
+    response_description="The answers, in the order of the ids.",
+    responses=documented("bad-request", "body-too-large", *WORK_PROBLEMS),
+)
+async def query_batch(
+    batch: BatchQuery, request: Request, container: Service, collection: InCollection
+) -> BatchAnswer:
+    """Search with each of some stored shapes, as `POST /query` does, in one request.
+
+    The answers have no warnings about other orders and units. If there is no shape with one of the ids, the
+    whole batch is refused.
+    """
+    shapes, number = batch.filtered(collection.number), collection.number
+    free = asyncio.Semaphore(BATCH_AT_ONCE)
+
+    async def answer(shape_id: str, active_pipeline: ActivePipeline) -> QueryAnswer:
+        make_query = partial(query_of_shape, container, number, shape_id, batch.exclude_self is not False)
+        async with free:
+            return await search(
+                container, make_query, batch, shapes, Timings(), active_pipeline, advise=False
+            )
+
+    async def answer_all(active_pipeline: ActivePipeline) -> BatchAnswer:
+        return BatchAnswer(answers=await together(answer(each, active_pipeline) for each in batch.shape_ids))
+
+    async with container.queue.admitted(request):
+        return await while_connected(request, with_active_pipeline(container, answer_all))
 
 
 class SuggestionsOptions(NamedInAddress):

@@ -347,6 +347,12 @@ class QueryAnswer(BaseModel):
         return [*self.results, *self.parts]
 
 
+class BatchAnswer(BaseModel):
+    """The answers to the queries of a batch, in the order of their ids."""
+
+    answers: list[QueryAnswer]
+
+
 class MapShape(BaseModel):
     """A shape of a map."""
 

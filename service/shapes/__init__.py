@@ -1,6 +1,8 @@
 """Shapes: files and fields in; stored, listed, changed and restored records out."""
 
 __all__ = [
+    "bulk_changes",
+    "bulk_schemas",
     "endpoints",
     "facet_repository",
     "facets",

@@ -28,7 +28,8 @@ from service.http.problems import (
     documented,
 )
 from service.http.request_bodies import FILE, RequestBody, once, once_each
-from service.shapes import facet_repository, service
+from service.shapes import bulk_changes, facet_repository, service
+from service.shapes.bulk_schemas import BulkChange, BulkChanged
 from service.shapes.facets import Facets
 from service.shapes.fields import (
     METADATA_BYTES,
@@ -340,6 +341,40 @@ def change_shape(
         name = collection.name if changes.collection is None else changes.collection
         target = named_too(session, request, name)
         return Shape.of(service.change(session, collection.number, shape_id, changes, target.number))
+
+
+@router.patch(
+    "/shapes",
+    summary="Change all shapes that pass a filter",
+    responses=documented(
+        *("bad-request", "body-too-large", "collection-not-found", "busy", "shutting-down"), *WRITE_PROBLEMS
+    ),
+)
+async def change_shapes(
+    wanted: BulkChange, request: Request, container: Service, collection: InCollection
+) -> BulkChanged:
+    """Add or remove tags and entries of the metadata, or move the shapes. A dry run counts them.
+
+    The shapes change one after another; if the request is cut off, the rest stays, and it can be sent again.
+    """
+    database, number = container.database, collection.number
+    name = collection.name if wanted.collection is None else wanted.collection
+    shapes = wanted.filtered(number)
+
+    async def apply() -> BulkChanged:
+        target = (await database.reading(named_too, request, name)).number
+        numbers = await database.reading(bulk_changes.matching, shapes)
+        if wanted.dry_run:
+            moves = target != number
+            return await database.reading(bulk_changes.would_change, number, numbers, wanted, moves)
+        report = BulkChanged(matched=len(numbers), changed=0, refused=[])
+        for start in range(0, len(numbers), bulk_changes.AT_ONCE):
+            some = numbers[start : start + bulk_changes.AT_ONCE]
+            await database.writing(bulk_changes.change, number, some, wanted, target, report)
+        return report
+
+    async with container.queue.admitted(request):
+        return await while_connected(request, apply())
 
 
 @router.delete(

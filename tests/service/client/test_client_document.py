@@ -14,6 +14,7 @@ from pydantic import BaseModel
 from service.app import openapi_document
 from service.client import Client, Upload
 from service.duplicates.decision_schemas import Rule
+from service.shapes.bulk_schemas import BulkChange
 from tests.service.cli.awaited import Awaited
 
 DOCUMENT = openapi_document()
@@ -40,6 +41,7 @@ SEARCH = {
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
 RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
+BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("upload", (FILE,), {**STORED, "split": "parts"}, "POST /shapes"),
@@ -59,6 +61,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("preview_file", (FILE,), {}, "POST /preview"),
     ("replace_file", ("id", FILE), {"if_sha256": "0" * 64}, "PUT /shapes/{shape_id}/file"),
     ("update", ("id",), {**STORED, "collection": "b"}, "PATCH /shapes/{shape_id}"),
+    ("update_all", (BULK,), {}, "PATCH /shapes"),
     ("delete", ("id",), {"permanent": True}, "DELETE /shapes/{shape_id}"),
     ("deleted", (), {}, "GET /deleted"),
     ("restore", ("id",), {}, "POST /shapes/{shape_id}/restore"),
@@ -80,6 +83,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("remove_source", ("id",), {}, "DELETE /sources/{source_id}"),
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
+    ("query_batch", (["id", "other"],), SEARCH, "POST /query/batch"),
     ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
     (
         "compare",

@@ -160,6 +160,13 @@ SENT: dict[Operation, list[Send]] = {
         to("POST", "/query", **file(0), data={"partial": "true", "correspondences": "true"}),
         by_id,
     ],
+    ("POST", "/query/batch"): [
+        lambda client, own: client.post("/query/batch", json={"shape_ids": [own.kept, own.twin]})
+    ],
+    ("PATCH", "/shapes"): [
+        to("PATCH", "/shapes", json={"add_tags": ["seen"]}),
+        to("PATCH", "/shapes", json={"tag": [SECRET], "set_metadata": {"seen": 1}, "dry_run": False}),
+    ],
     ("POST", "/compare"): [comparison],
     ("POST", "/shapes"): [the_same],
     ("POST", "/jobs"): [

@@ -1,0 +1,80 @@
+"""Changes to all shapes that pass a filter, a few in each transaction."""
+
+import json
+from typing import Any
+
+from service.collection import CollectionNumber
+from service.errors import BadRequestFieldsError, NameTakenError, ServiceError
+from service.shapes import repository, service
+from service.shapes.bulk_schemas import REFUSED, BulkChange, BulkChanged, Refused
+from service.shapes.fields import clean_metadata, clean_tags
+from service.shapes.records import ShapeFilter, ShapeRecord
+from service.shapes.schemas import ShapeChanges
+from service.storage.database import ReadSession, WriteSession
+
+AT_ONCE = 100
+"""Shapes that one transaction changes."""
+
+
+def matching(session: ReadSession, shapes: ShapeFilter) -> list[int]:
+    """Return the numbers of the shapes that pass a filter, ascending."""
+    return sorted(repository.numbers(session, shapes))
+
+
+def would_change(
+    session: ReadSession, collection: CollectionNumber, numbers: list[int], wanted: BulkChange, moves: bool
+) -> BulkChanged:
+    """Count the shapes that a request would change."""
+    report = BulkChanged(matched=len(numbers), changed=0, refused=[])
+    for start in range(0, len(numbers), AT_ONCE):
+        for record in repository.records(session, collection, numbers[start : start + AT_ONCE]):
+            try:
+                report.changed += moves or bool(_changes(record, wanted))
+            except ServiceError as error:
+                _refuse(report, record, error)
+    return report
+
+
+def change(
+    session: WriteSession,
+    collection: CollectionNumber,
+    numbers: list[int],
+    wanted: BulkChange,
+    target: CollectionNumber,
+    report: BulkChanged,
+) -> None:
+    """Change the shapes with some numbers, and count them in a report."""
+    for record in repository.records(session, collection, numbers):
+        try:
+            changes = ShapeChanges(**_changes(record, wanted))
+            if target != collection or changes.model_fields_set:
+                service.change(session, collection, record.id, changes, target)
+                report.changed += 1
+        except (BadRequestFieldsError, NameTakenError) as error:
+            _refuse(report, record, error)
+
+
+def _changes(record: ShapeRecord, wanted: BulkChange) -> dict[str, Any]:
+    """Return the fields of a shape that change, with their values.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        They would be more than a shape may have.
+    """
+    kept = [tag for tag in record.tags if tag not in wanted.remove_tags]
+    tags = list(dict.fromkeys([*kept, *wanted.add_tags]))
+    metadata = {key: value for key, value in record.metadata.items() if key not in wanted.remove_metadata}
+    metadata |= wanted.set_metadata
+    changes: dict[str, Any] = {}
+    if tags != list(record.tags):
+        changes["tags"] = service.within_limits("tags", clean_tags, tags)
+    # Python takes 1 and true for equal.
+    if json.dumps(metadata) != json.dumps(record.metadata):
+        changes["metadata"] = service.within_limits("metadata", clean_metadata, metadata)
+    return changes
+
+
+def _refuse(report: BulkChanged, record: ShapeRecord, error: ServiceError) -> None:
+    if len(report.refused) < REFUSED:
+        report.refused.append(Refused(id=record.id, name=record.name, detail=str(error)))

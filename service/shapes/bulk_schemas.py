@@ -1,0 +1,44 @@
+"""Changes to many shapes as JSON."""
+
+from pydantic import BaseModel, Field
+
+from service.collection import NAME
+from service.shapes.fields import Metadata, Tags
+from service.shapes.schemas import Filters
+
+REFUSED = 100
+"""Refusals that an answer tells."""
+
+
+class BulkChange(Filters):
+    """The filter of the shapes to change, and the changes."""
+
+    add_tags: Tags = Field(default=[])
+    remove_tags: Tags = Field(default=[])
+    set_metadata: Metadata = Field(default={}, description="Entries that the metadata get, or get anew.")
+    remove_metadata: list[str] = Field(default=[], max_length=64, description="Keys that the metadata lose.")
+    collection: str | None = Field(
+        default=None,
+        description="Move the shapes, which keep their ids, to this collection. The key must allow both.",
+        json_schema_extra={"pattern": f"^{NAME}$"},
+    )
+    dry_run: bool = Field(default=True, description="Count the shapes, and change nothing.")
+
+
+class Refused(BaseModel):
+    """A shape that stays as it is, and why."""
+
+    id: str
+    name: str
+    detail: str
+
+
+class BulkChanged(BaseModel):
+    """The numbers of the shapes of a change."""
+
+    matched: int = Field(description="The number of shapes that pass the filter.")
+    changed: int = Field(description="The number of shapes that changed or, in a dry run, would change.")
+    refused: list[Refused] = Field(
+        description=f"The first {REFUSED} shapes that cannot be changed: they would have too many tags "
+        "or metadata, or the other collection has the same file under the same name."
+    )
