@@ -38,6 +38,7 @@ COMMANDS = {
     "serve": Command("Use", "Serve the archive over HTTP until Ctrl-C.", "serve"),
     "demo": Command("Use", "Make shapes, store them and query them with unseen poses.", "demo"),
     "ingest": Command("Use", "Store mesh files, folders of meshes and archives.", "ingest"),
+    "library": Command("Use", "List, add, scan and remove folders that stay in place.", "library"),
     "query": Command("Use", "Find the stored shapes most similar to a mesh file.", "query"),
     "list": Command("Use", "List stored shapes, or deleted ones.", "shapes"),
     "show": Command("Use", "Show all that is stored about shapes.", "shapes"),

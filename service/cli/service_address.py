@@ -1,5 +1,6 @@
 """The service that a command talks to: at an address, or run by this process on a database."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -156,6 +157,8 @@ def _own_service(settings: "Settings", collection: str | None, *, new: bool) -> 
     # Other users of this machine reach its port too.
     key = new_key()
     changes: dict[str, Any] = {"api_keys": (digest_of(key),), "read_keys": (), "rate_limit": 0}
+    # Who runs the command may read its folders anyway.
+    changes["source_roots"] = (os.sep,)
     if "log_level" not in settings.model_fields_set:
         changes["log_level"] = "error"
     with in_thread(create_app(settings.model_copy(update=changes)), key, collection) as client:

@@ -26,7 +26,7 @@ router = APIRouter(tags=["shapes"])
 
 MESH = RequestBody(MeshUpload)
 
-WORK_PROBLEMS = (*READ_PROBLEMS, *WORKER_PROBLEMS, "shape-not-found")
+WORK_PROBLEMS = (*READ_PROBLEMS, *WORKER_PROBLEMS, "shape-not-found", "file-in-place")
 GLB: dict[str, Any] = {
     "description": f"A GLB of at most about {FACES} faces.",
     "content": {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}},

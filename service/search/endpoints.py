@@ -69,6 +69,7 @@ class BatchQuery(SearchOptions):
 QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)
 WORK_PROBLEMS = (
     *("shape-not-found", "not-embedded", "cannot-be-embedded", "time-limit", "pipeline-unavailable"),
+    "file-in-place",
     *READ_PROBLEMS,
     *WORKER_PROBLEMS,
 )

@@ -407,6 +407,7 @@ def delete_shape(
     responses=documented(
         *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}),
         "shape-not-found",
+        "file-in-place",
         "name-taken",
         "pipeline-unavailable",
         *WRITE_PROBLEMS,

@@ -94,7 +94,7 @@ async def _receiving(container: Service) -> AsyncIterator[None]:
             },
         },
         304: {"description": "The client has the file already: its If-None-Match has the ETag."},
-        **documented("shape-not-found", *EXPORT_PROBLEMS, *READ_PROBLEMS),
+        **documented("shape-not-found", "file-in-place", *EXPORT_PROBLEMS, *READ_PROBLEMS),
     },
 )
 async def read_file(

@@ -301,7 +301,8 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
 
     def read(session: ReadSession) -> NewFile:
         record = get(session, collection, shape_id, deleted=keep)
-        return NewFile(file_repository.file_of(session, collection, shape_id, deleted=True), record.format)
+        data = file_repository.file_of(session, collection, shape_id, deleted=True)
+        return NewFile(data, record.format, in_place=True)
 
     def undo(session: WriteSession, put: Put) -> ShapeRecord:
         record = get(session, collection, shape_id, deleted=keep)

@@ -6,6 +6,7 @@ import { byId, make, showError } from "./dom.js";
 import { allowDeletions, openDuplicates } from "./duplicates.js";
 import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
+import { openLibrary } from "./library.js";
 import { openMap } from "./map.js";
 import { openSelection } from "./selection.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
@@ -98,7 +99,7 @@ const signOutButton = byId("sign-out", HTMLButtonElement);
 const errorBox = byId("error", HTMLElement);
 
 /** @type {Record<string, (state: State) => void>} */
-const OPEN = { find: openFind, browse: openGallery, map: openMap, duplicates: openDuplicates, upload: () => {} };
+const OPEN = { find: openFind, browse: openGallery, map: openMap, duplicates: openDuplicates, library: openLibrary, upload: () => {} };
 
 /** The last state of each view, to which its link leads back. @type {Record<string, State>} */
 const left = {};

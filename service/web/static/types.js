@@ -40,6 +40,11 @@
  *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
+ * @typedef {{ found: number, done: number }} Scan
+ * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
+ *             counts: { present: number, missing: number, refused: number, unreadable: number },
+ *             scanned_at: string | null }} Source
+ * @typedef {{ files: { path: string, problem: Cause | null }[], total: number }} SourceFilePage
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  * @typedef {{ formats: { name: string, title: string, endings: string[], read: boolean, written: boolean }[] }} Version

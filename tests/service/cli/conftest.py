@@ -101,7 +101,9 @@ def cup(tmp_path: Path) -> Path:
 @pytest.fixture(scope="session")
 def shared_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     database = tmp_path_factory.mktemp("service") / "archive.sqlite3"
-    settings = Settings(database_url=f"sqlite:///{database}", workers=1, log_level="error")
+    roots = (str(tmp_path_factory.getbasetemp()),)
+    url = f"sqlite:///{database}"
+    settings = Settings(database_url=url, workers=1, log_level="error", source_roots=roots)
     with in_thread(create_app(settings)) as client:
         yield client
 

@@ -1,0 +1,110 @@
+"""`isoshape library`: folders whose mesh files are shapes and stay where they are."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from service.cli.service_address import Collection, Key, Url, service_at
+from service.client import Client
+from service.console import fail, output, progress, say, table
+from service.shapes.fields import split_tags
+from service.sources.schemas import Source
+
+Action = Literal["list", "add", "rescan", "confirm", "remove"]
+
+CHECK_SECONDS = 0.5
+
+
+def library_command(
+    action: Annotated[Action, typer.Argument(help="What to do.")] = "list",
+    target: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="A folder to add, or the name, path or id of a source."),
+    ] = None,
+    *,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the added source. [default: that of the folder]")
+    ] = None,
+    tags: Annotated[
+        list[str] | None,
+        typer.Option("--tags", "--tag", help="Tags of the source's shapes, separated by commas; repeatable."),
+    ] = None,
+    copy: Annotated[
+        bool, typer.Option("--copy", help="Store the bytes of the files in the archive too.")
+    ] = False,
+    url: Url = None,
+    key: Key = None,
+    collection: Collection = None,
+) -> None:
+    """List, add, scan and remove folders that stay in place.
+
+    The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
+    `add` stores them, and `rescan` what has changed since, in one source or in all. `isoshape serve` does so
+    by itself. A source is offline if its folder is absent or empty, or has lost more than half of its files:
+    nothing is deleted then, until `confirm` says that the files are gone for good. `remove` deletes the
+    shapes of a source; `isoshape restore` brings them back for a time.
+
+    A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
+    database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
+    """
+    if target is None and action in {"add", "confirm", "remove"}:
+        fail(f"library {action} needs a name", status=2)
+    with service_at(url, key, collection, new=action == "add") as client:
+        if action == "list":
+            _print(client.sources().sources)
+        elif action == "add":
+            folder = str(Path(target or "").absolute())
+            added = client.add_source(folder, name=name, tags=split_tags(tags or []), copies=copy)
+            _follow(client, [added])
+        elif action == "rescan":
+            wanted = client.sources().sources if target is None else [_named(client, target)]
+            _follow(client, [client.rescan_source(source.id) for source in wanted])
+        elif action == "confirm":
+            _follow(client, [client.confirm_source(_named(client, target or "").id)])
+        else:
+            client.remove_source(_named(client, target or "").id)
+
+
+def _named(client: Client, target: str) -> Source:
+    """Return the source with a name, a path or an id."""
+    path = str(Path(target).resolve())
+    for source in client.sources().sources:
+        if target in {source.name, source.id} or source.path == path:
+            return source
+    fail(f"there is no source {target!r}; `isoshape library list` lists them")
+
+
+def _follow(client: Client, sources: list[Source]) -> None:
+    """Show scans until they have ended, then what the sources have; status 1 if one is offline."""
+    ended = []
+    for source in sources:
+        with progress() as bar:
+            task = bar.add_task(f"scanning {source.name}", total=None)
+            for now in client.follow_source(source.id, seconds=CHECK_SECONDS):
+                bar.update(task, description=f"scanning {now.name}: {now.scan.done} files read")
+        ended.append(now)
+    _print(ended)
+    for source in ended:
+        for file in client.source_files(source.id, state="refused"):
+            if file.problem is not None:
+                say(f"{source.path}/{file.path}: {file.problem.detail}")
+        for path, reason in source.scan.unread.items():
+            say(f"{source.path}/{path}: {reason}")
+    if any(source.state == "offline" for source in ended):
+        raise typer.Exit(1)
+
+
+def _print(sources: list[Source]) -> None:
+    listed = table(
+        "source", "state", ">present", ">missing", ">refused", "scanned", "folder", fold=("folder",)
+    )
+    for source in sources:
+        counts = source.counts
+        scanned = "" if source.scanned_at is None else f"{source.scanned_at:%Y-%m-%d %H:%M}"
+        numbers = (counts.present, counts.missing, counts.refused + counts.unreadable)
+        listed.add_row(source.name, source.state, *map(str, numbers), scanned, source.path)
+    output().print(listed)
+    for source in sources:
+        if source.detail is not None:
+            say(f"{source.name}: {source.detail}")

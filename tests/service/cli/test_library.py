@@ -1,0 +1,62 @@
+"""`isoshape library`: a folder is added, listed, scanned, lost, found again and removed."""
+
+from pathlib import Path
+
+import pytest
+
+from service.client import Client
+from tests.service.cli.conftest import Run
+from tests.service.sources.support import put
+from tests.service.support import small_file
+
+
+def rows(table: str) -> list[list[str]]:
+    """The cells under the head of a table, but for the time of the scan."""
+    return [line.split()[:5] for line in table.splitlines()[3:] if line.strip()]
+
+
+def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Path, run: Run) -> None:
+    at, folder = ("--url", archive.url), tmp_path / "models"
+    put(folder / "a.off", small_file(1))
+    put(folder / "bad.off", b"no mesh")
+    added = run("library", "add", folder, "--tags", "printed, 2026", *at)
+    assert (added.status, rows(added.stdout)) == (0, [["models", "ready", "1", "0", "1"]])
+    assert f"{folder}/bad.off: " in added.stderr
+    (shape,) = archive.shapes()
+    assert (shape.name, shape.tags) == ("a.off", ["printed", "2026"])
+    assert "is the source 'models' already" in run("library", "add", folder, *at).stderr
+
+    folder.rename(tmp_path / "away")
+    scanned = run("library", "rescan", *at)
+    assert (scanned.status, rows(scanned.stdout)) == (1, [["models", "offline", "1", "0", "1"]])
+    assert "models: the folder cannot be listed" in scanned.stderr
+    confirmed = run("library", "confirm", "models", *at)
+    assert (confirmed.status, rows(confirmed.stdout)) == (0, [["models", "ready", "0", "1", "0"]])
+    (tmp_path / "away").rename(folder)
+    assert rows(run("library", "rescan", "models", *at).stdout) == [["models", "ready", "1", "0", "1"]]
+
+    assert run("library", "remove", folder, *at).status == 0
+    assert rows(run("library", *at).stdout) == []
+    assert list(archive.shapes()) == []
+    assert [deleted.id for deleted in archive.deleted()][-1:] == [shape.id]
+    # The folder that is added again has its shape, with what people wrote about it.
+    assert run("library", "add", folder, *at).status == 0
+    assert [(again.id, again.tags) for again in archive.shapes()] == [(shape.id, ["printed", "2026"])]
+    assert run("library", "remove", "models", *at).status == 0
+    assert (folder / "a.off").read_bytes() == small_file(1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (("add",), 2, "library add needs a name"),
+        (("add", "/"), 1, "ISOSHAPE_SOURCE_ROOTS"),
+        (("remove", "no such"), 1, "there is no source 'no such'"),
+    ],
+)
+def test_mistakes_are_told(
+    archive: Client, run: Run, arguments: tuple[str, ...], status: int, words: str
+) -> None:
+    done = run("library", *arguments, "--url", archive.url)
+    assert done.status == status
+    assert words in done.stderr
