@@ -56,7 +56,7 @@ def add(session: WriteSession, collection: CollectionNumber, values: Mapping[str
     """Add a source, which waits for its first scan."""
     row = SourceRow(
         collection_number=collection,
-        state="ready",
+        state="waiting",
         report={},
         requested=True,
         confirmed=False,
@@ -117,7 +117,8 @@ def claim(session: WriteSession, number: int, runner: str) -> SourceRow | None:
     free = or_(SourceRow.leased_until.is_(None), is_over)
     row = session.scalars(select(SourceRow).where(SourceRow.number == number, _KEPT, free)).one_or_none()
     if row is not None:
-        row.runner, row.leased_until, row.requested, row.report = runner, now + LEASE, False, {}
+        row.runner, row.leased_until = runner, now + LEASE
+        row.state, row.requested, row.report = "scanning", False, {}
     return row
 
 

@@ -140,7 +140,7 @@ class Scanner:
             self._due[number] = start + LOOK_SECONDS
             return
         scan = SourceScan(self._container, claimed)
-        ended: dict[str, Any] = {}
+        ended: dict[str, Any] = {"state": "waiting"}
         try:
             await unless(self._renew_until_lost(scan, number), scan.run())
             ended = {"state": "ready", "detail": None, "confirmed": False, "scanned_at": datetime.now(UTC)}
@@ -151,7 +151,10 @@ class Scanner:
             log.info("a source was removed, or another service scans it")
         except (ServiceError, asyncio.CancelledError):
             # The scan goes on when the database and the workers are there.
-            ended = {"requested": True}
+            ended = {"state": "waiting", "requested": True}
+            raise
+        except Exception:
+            ended = {"state": "offline", "detail": "the scan failed; the service's log has the reason"}
             raise
         finally:
             report = scan.report.model_dump()

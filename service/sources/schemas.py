@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from service.storage.tables import SourceFileRow, SourceRow
 
 State = Literal["waiting", "scanning", "ready", "offline"]
-"""The state of a source; `scanning` follows from the lease of a service, and is not stored."""
+"""The state of a source. One that is `scanning` without the lease of a service waits for another scan."""
 
 FileState = Literal["present", "missing", "refused", "unreadable"]
 """The state of a file: a shape; no longer in its folder; no mesh; or a file that the system does not open."""
@@ -118,13 +118,16 @@ class Source(BaseModel):
     def of(cls, source: "SourceRow", counts: Mapping[str, int]) -> "Source":
         """Return the JSON of a source, and its numbers of files by state."""
         names = ("id", "name", "copies", "tags", "detail", "created_at", "scanned_at")
-        leased = source.leased_until is not None and source.leased_until > datetime.now(UTC)
-        waits = source.requested or (source.scanned_at is None and source.state == "ready")
+        state = source.state
+        if source.leased_until is not None and source.leased_until > datetime.now(UTC):
+            state = "scanning"
+        elif source.requested or state == "scanning":
+            state = "waiting"
         values: dict[str, Any] = {name: getattr(source, name) for name in names}
         return cls(
             **values,
             path=source.root,
-            state="scanning" if leased else "waiting" if waits else source.state,  # type: ignore[arg-type]
+            state=state,  # type: ignore[arg-type]
             counts=Counts.model_validate(dict(counts)),
             scan=Scan.model_validate(source.report),
         )

@@ -113,7 +113,8 @@ function files(id, kind, count) {
   const made = make("details", {}, make("summary", {}, `${count} ${kind}`), lines);
   const key = `${kind} ${id}`;
   made.addEventListener("toggle", async () => {
-    if (!made.open) return open.delete(key);
+    if (!made.open) open.delete(key);
+    if (!made.open) return;
     open.add(key);
     try {
       /** @type {SourceFilePage} */

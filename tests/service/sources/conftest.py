@@ -10,9 +10,19 @@ from tests.service.support import Running
 
 
 @pytest.fixture
-def running(service: Running, monkeypatch: pytest.MonkeyPatch) -> Running:
-    """The shared service, whose deleted shapes can be restored."""
-    monkeypatch.setattr(Settings, "undo_time", property(lambda _: timedelta(days=7)))
+def undo(monkeypatch: pytest.MonkeyPatch) -> list[timedelta]:
+    """For how long deletions can be undone: the last of the list."""
+    times = [timedelta(days=7)]
+    monkeypatch.setattr(Settings, "undo_time", property(lambda _: times[-1]))
+    return times
+
+
+@pytest.fixture
+def running(service: Running, undo: list[timedelta]) -> Running:
+    """The shared service, whose deleted shapes can be restored, without any."""
+    assert undo
+    for shape in service.client.get("/deleted", params={"limit": 500}).json()["shapes"]:
+        assert service.client.delete(f"/deleted/{shape['id']}").status_code == 204
     return service
 
 

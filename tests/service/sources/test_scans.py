@@ -1,10 +1,17 @@
 """Scans of a folder: what the archive has after each change of it."""
 
+import asyncio
+import os
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from service.shapes.service import ingest
+from service.sources import reading, scan, scanner
+from service.storage.in_place import open_beneath
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
 from tests.service.support import Running, assert_problem, small_file
@@ -97,3 +104,102 @@ def test_a_folder_that_lost_too_much_is_offline(library: Library, root: Path) ->
     (root.parent / "away" / "a.off").rename(root / "a.off")
     assert library.rescan()["state"] == "ready"
     assert library.shapes()["a.off"] == before["a.off"]
+
+
+def test_a_scan_that_was_cut_off_is_continued(
+    running: Running, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each file has its shape or none, so that the next scan ends right and stores nothing twice."""
+    for number in range(1, 4):
+        put(root / f"{number}.off", small_file(number))
+    begun, stored = [], []
+
+    async def cut_off(*arguments: Any, **named: Any) -> Any:
+        begun.append(arguments)
+        if len(begun) > 1:
+            while not stored:
+                await asyncio.sleep(0.01)
+            raise RuntimeError("cut off")
+        stored.append(await ingest(*arguments, **named))
+        return stored[0]
+
+    monkeypatch.setattr(scan, "ingest", cut_off)
+    monkeypatch.setattr(scanner, "PAUSE_SECONDS", 0.0)
+    with Library.of(running, root) as library:
+        assert library.read()["detail"].startswith("the scan failed")
+        (first,) = library.shapes().values()
+        monkeypatch.setattr(scan, "ingest", ingest)
+        assert library.rescan()["scan"]["stored"] == 2
+        assert first in library.shapes().values()
+        assert len(set(library.shapes().values())) == running.client.get("/shapes").json()["total"] == 3
+
+
+def test_one_file_in_two_sources_is_one_shape(library: Library, root: Path, tmp_path: Path) -> None:
+    """A folder in a folder, and a hard link elsewhere; a source that goes leaves the shape to the other."""
+    running, shapes = library.running, library.shapes()
+    with Library.of(running, root / "inner") as inner:
+        assert inner.shapes() == {
+            "b.off": shapes["inner/b.off"],
+            "copy of a.off": shapes["inner/copy of a.off"],
+        }
+        os.link(root / "a.off", tmp_path / "models" / "inner" / "link.off")
+        assert inner.rescan()["scan"]["copies"] == 1
+        assert inner.shapes()["link.off"] == shapes["a.off"]
+    assert running.client.get("/shapes").json()["total"] == 2
+    assert library.rescan()["state"] == "ready"
+
+
+def test_what_cannot_be_read_is_told_and_keeps_its_shape(
+    library: Library, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mesh that became none, one that may not be opened, one that grows, and an editor's way to save."""
+    shapes = library.shapes()
+    put(root / "inner" / "b.off", b"OFF\nbroken")
+    (root / "a.off").write_bytes(small_file(6))
+    source = library.rescan()
+    assert (source["scan"]["left"], source["counts"]["refused"]) == (1, 1)
+    broken = library.files(state="refused")["inner/b.off"]
+    assert broken["shape_id"] == shapes["inner/b.off"]
+    assert broken["problem"]["type"] == "urn:isoshape:problem:malformed-mesh"
+    put(root / "inner" / "b.off", small_file(2))
+    os.utime(root / "inner" / "b.off", (1, 1))
+
+    def refusing(folder: Path, path: str) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(reading, "open_beneath", refusing)
+    assert library.rescan()["counts"]["unreadable"] == 1
+    assert library.files()["inner/b.off"]["problem"]["detail"] == "Permission denied"
+    monkeypatch.setattr(reading, "open_beneath", open_beneath)
+    put(root / "b.off.tmp", small_file(7)).rename(root / "inner" / "b.off")
+    assert library.rescan()["counts"] == {"present": 3, "missing": 0, "refused": 0, "unreadable": 0}
+    assert library.shapes()["inner/b.off"] == shapes["inner/b.off"]
+
+
+def test_a_deleted_shape_stays_deleted_until_its_file_changes(library: Library, root: Path) -> None:
+    client, shape = library.running.client, library.shapes()["inner/b.off"]
+    assert client.delete(f"/shapes/{shape}").status_code == 204
+    put(root / "again.off", small_file(2))
+    library.rescan()
+    assert library.shapes()["inner/b.off"] is library.shapes()["again.off"] is None
+    put(root / "inner" / "b.off", small_file(8))
+    library.rescan()
+    assert library.shapes()["inner/b.off"] not in {None, shape}
+
+
+def test_copies_are_downloaded_although_the_folder_is_gone(
+    running: Running, root: Path, undo: list[timedelta]
+) -> None:
+    """And without deletions that can be undone, a missing file's shape goes at once."""
+    put(root / "a.off", small_file(1))
+    put(root / "b.off", small_file(2))
+    put(root / "c.off", small_file(3))
+    with Library.of(running, root, copies=True) as library:
+        shape = library.shapes()["a.off"]
+        (root / "a.off").unlink()
+        library.rescan()
+        assert running.client.get(f"/shapes/{shape}/file").content == small_file(1)
+        undo.append(timedelta(0))
+        library.rescan()
+        assert set(library.files()) == {"b.off", "c.off"}
+        assert_problem(running.client.get(f"/shapes/{shape}"), 404, "shape-not-found")
