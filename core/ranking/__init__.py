@@ -7,6 +7,7 @@ __all__ = [
     "class_probability",
     "differences",
     "diffusion",
+    "families",
     "graph_layout",
     "likeness",
     "local_density",

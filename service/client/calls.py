@@ -29,7 +29,7 @@ from service.duplicates.records import Decision
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
-from service.search.schemas import BatchAnswer, MapAnswer, QueryAnswer, SearchOptions
+from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import Suggestions
 from service.shapes.bulk_schemas import BulkChange, BulkChanged
 from service.shapes.facets import Facets
@@ -363,6 +363,12 @@ def suggestions(shape_id: str, *, least_share: float | None = None) -> Call[Sugg
     """Get tags and metadata that the neighbours of a shape suggest for it, with these shapes."""
     params = given(least_share=least_share)
     return Call("GET", f"{_shape(shape_id)}/suggestions", parsed(Suggestions), params=params)
+
+
+def families(*, least_probability: float | None = None, **filters: Unpack[Filters]) -> Call[FamiliesAnswer]:
+    """Get groups of shapes that are probably of one class, among the shapes that pass the filters."""
+    params = _filtered(filters) | given(least_probability=least_probability)
+    return Call("GET", "/families", parsed(FamiliesAnswer), params=params)
 
 
 def similarity_map(**filters: Unpack[Filters]) -> Call[MapAnswer]:

@@ -111,6 +111,7 @@ class _Methods:
     merge = _once(calls.merge)
     apply_rule = _once(calls.apply_rule)
     suggestions = _once(calls.suggestions)
+    families = _once(calls.families)
     similarity_map = _once(calls.similarity_map)
     send_archive = _once(calls.send_archive)
     job = _once(calls.job)

@@ -6,6 +6,7 @@ __all__ = [
     "compare",
     "compare_schemas",
     "endpoints",
+    "families",
     "likeness",
     "local_difference",
     "map",

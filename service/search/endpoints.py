@@ -1,4 +1,4 @@
-"""The addresses /query, /map, and /similar and /suggestions of a shape."""
+"""The addresses /query, /families, /map, and /similar and /suggestions of a shape."""
 
 import asyncio
 from functools import partial
@@ -24,8 +24,9 @@ from service.search.answer import (
     search,
     with_active_pipeline,
 )
+from service.search.families import families_of
 from service.search.map import map_sheet, similarity_map_of
-from service.search.schemas import BatchAnswer, MapAnswer, QueryAnswer, SearchOptions
+from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
 from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import MeshUpload, ShapeId
@@ -193,6 +194,37 @@ def suggestions(
     with container.database.read() as session:
         fingerprint = container.pipelines.current(session).fingerprint
         return suggestions_for(session, fingerprint, collection.number, shape_id, options.least_share)
+
+
+class FamiliesOptions(NamedInAddress, Filters):
+    """The shapes to show the families of, and how sure a link is."""
+
+    least_probability: float = Field(
+        default=0.9,
+        gt=0.0,
+        lt=1.0,
+        description="The least class probability, as `combined` of a query has it, that joins two shapes.",
+    )
+
+
+@router.get(
+    "/families",
+    summary="Group shapes that are like each other",
+    dependencies=[once_each(FamiliesOptions)],
+    responses=documented("pipeline-unavailable", *READ_PROBLEMS),
+)
+def read_families(
+    options: Annotated[FamiliesOptions, Query()], container: Service, collection: InCollection
+) -> FamiliesAnswer:
+    """Return groups of shapes that are probably of one class, such as the variants of a part.
+
+    Two shapes are in one family if each is among the neighbours of the other and they have half of their
+    neighbours in common, or if a chain of such pairs joins them.
+    """
+    wanted = options.filtered(collection.number)
+    with container.database.read() as session:
+        fingerprint = container.pipelines.current(session).fingerprint
+        return families_of(session, fingerprint, wanted, options.least_probability)
 
 
 MISSING = "Isoshape-Missing"

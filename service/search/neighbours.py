@@ -111,9 +111,14 @@ def rows_around(
 
 
 def rows_among(session: ReadSession, fingerprint: str, shapes: Ints) -> NeighbourRows | None:
-    """Return the rows of some shapes, ascending, empty where they are unknown; None if most are."""
-    rows = _rows_of(shapes, neighbour_rows(session, fingerprint, shapes))
+    """Return the rows of some shapes, as `rows_of` does; None if most are unknown."""
+    rows = rows_of(session, fingerprint, shapes)
     return rows if len(shapes) and rows.known.mean() >= LEAST_KNOWN else None
+
+
+def rows_of(session: ReadSession, fingerprint: str, shapes: Ints) -> RowsAround:
+    """Return the rows of some shapes, given in ascending order; empty where they are unknown."""
+    return _rows_of(shapes, neighbour_rows(session, fingerprint, shapes))
 
 
 def _rows_of(numbers: Ints, *parts: NeighbourRows) -> RowsAround:

@@ -353,6 +353,23 @@ class BatchAnswer(BaseModel):
     answers: list[QueryAnswer]
 
 
+class Family(BaseModel):
+    """Shapes that are like each other."""
+
+    shapes: list[Shape] = Field(description="At least two, the oldest first.")
+
+
+class FamiliesAnswer(BaseModel):
+    """Families of the stored shapes that pass the filter."""
+
+    families: list[Family] = Field(description="The family of the oldest shape first.")
+    single: int = Field(description="The number of shapes that pass the filter and are in no family.")
+    unknown: int = Field(
+        description="The number of shapes of the collection whose neighbours are not known yet. They are "
+        "found in the background."
+    )
+
+
 class MapShape(BaseModel):
     """A shape of a map."""
 

@@ -10,9 +10,9 @@ import { menuButton, shapeCard } from "./shape_card.js";
 import { keep } from "./state.js";
 
 /** @import { State } from "./state.js" */
-/** @import { Shape, ShapePage } from "./types.js" */
+/** @import { Families, Shape, ShapePage } from "./types.js" */
 
-const PAGE = "60";
+const PAGE = 60;
 
 const list = byId("gallery", HTMLElement);
 const status = byId("gallery-status", HTMLElement);
@@ -33,6 +33,16 @@ let generation = 0;
 let loading = false;
 /** The shapes of each chunk of the list. @type {WeakMap<Element, Shape[]>} */
 const shapesOf = new WeakMap();
+/** The other shapes of a family, by the first. @type {WeakMap<Shape, Shape[]>} */
+const othersOf = new WeakMap();
+
+/** The filters, and whether families are shown. */
+function asked() {
+  const parameters = parametersOf(form);
+  const grouped = parameters.has("families");
+  parameters.delete("families");
+  return { parameters, grouped };
+}
 
 /** @param {boolean} mayChange Whether shapes may be deleted. */
 export const allowChanges = (mayChange) => (changes = mayChange);
@@ -57,7 +67,7 @@ export function reload() {
   listed = 0;
   nearby.disconnect();
   list.replaceChildren();
-  showFacets(parametersOf(form));
+  showFacets(asked().parameters);
   return load();
 }
 
@@ -65,18 +75,15 @@ async function load() {
   if (loading) return;
   loading = true;
   const own = generation;
-  const wanted = parametersOf(form);
-  wanted.set("limit", PAGE);
-  if (cursor) wanted.set("cursor", cursor);
+  const { parameters, grouped } = asked();
   try {
-    /** @type {ShapePage} */
-    const page = await (await ask(address("shapes", wanted))).json();
+    const page = grouped ? await families(parameters) : await pageOf(parameters);
     if (own !== generation) return;
     showError(errorBox);
     cursor = page.next_cursor;
     total = page.total;
     listed += page.shapes.length;
-    if (page.shapes.length > 0) append(page.shapes);
+    for (let i = 0; i < page.shapes.length; i += PAGE) append(page.shapes.slice(i, i + PAGE));
   } catch (error) {
     if (own !== generation) return;
     cursor = null;
@@ -89,6 +96,25 @@ async function load() {
   if (cursor) watcher.observe(more);
 }
 
+/** The next page of the list. @param {URLSearchParams} parameters @returns {Promise<ShapePage>} */
+async function pageOf(parameters) {
+  parameters.set("limit", String(PAGE));
+  if (cursor) parameters.set("cursor", cursor);
+  return (await ask(address("shapes", parameters))).json();
+}
+
+/** The first shapes of all families, as one page. @param {URLSearchParams} parameters @returns {Promise<ShapePage>} */
+async function families(parameters) {
+  parameters.delete("sort");
+  /** @type {Families} */
+  const found = await (await ask(address("families", parameters))).json();
+  const shapes = found.families.map(({ shapes: [first, ...others] }) => {
+    othersOf.set(first, others);
+    return first;
+  });
+  return { shapes, total: shapes.length, next_cursor: null };
+}
+
 /** @param {Shape[]} shapes */
 function append(shapes) {
   const chunk = make("ul", { className: "gallery" });
@@ -99,6 +125,10 @@ function append(shapes) {
 
 function showTotal() {
   more.hidden = cursor === null;
+  if (asked().grouped) {
+    status.textContent = total === 0 ? "No similar shapes are known." : `${total} ${total === 1 ? "group" : "groups"} of similar shapes`;
+    return;
+  }
   const empty = [...changedIn(form).keys()].some((name) => name !== "sort") ? "No stored shape matches." : "No shapes are stored yet.";
   status.textContent = total === 0 ? empty : `${listed} of ${total} shown`;
 }
@@ -113,6 +143,8 @@ function show(chunk, shapes) {
   chunk.replaceChildren(...shapes.map((shape) => {
     const card = shapeCard(shape, menuButton(shape, changes ? () => removeShape(shape, chunk) : null));
     card.prepend(selectBox(shape));
+    const others = othersOf.get(shape);
+    if (others) card.append(make("details", {}, make("summary", {}, `${others.length} more like this`), make("ul", { className: "gallery" }, ...others.map((other) => shapeCard(other)))));
     return card;
   }));
 }

@@ -7,6 +7,7 @@
  * @typedef {Mesh & { id: string, name: string, tags: string[], metadata: Record<string, unknown>, format: string,
  *                    bytes: number, sha256: string, created_at: string, updated_at: string }} Shape
  * @typedef {{ shapes: Shape[], total: number, next_cursor: string | null }} ShapePage
+ * @typedef {{ families: { shapes: Shape[] }[], single: number, unknown: number }} Families
  * @typedef {{ value: string, count: number, least?: number, greatest?: number }} Count
  * @typedef {{ total: number, tags: Count[], distinct_tags: number, formats: Count[], lengths: Count[],
  *             collections: Count[] }} Facets

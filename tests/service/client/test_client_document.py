@@ -120,6 +120,12 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("merge", (["id", "other"],), {"keep": "newest"}, "POST /duplicates/merge"),
     ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
+    (
+        "families",
+        (),
+        {"least_probability": 0.8, "q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES},
+        "GET /families",
+    ),
     ("similarity_map", (), {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
     ("collections", (), {}, "GET /collections"),
     ("create_collection", ("a",), {}, "PUT /collections/{name}"),

@@ -122,6 +122,7 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/shapes", params={"metadata": f"secret={SECRET}"}),
     ],
     ("GET", "/facets"): [to("GET", "/facets"), to("GET", "/facets", params={"tag_text": SECRET})],
+    ("GET", "/families"): [to("GET", "/families"), to("GET", "/families", params={"name": SECRET})],
     ("GET", "/map"): [to("GET", "/map"), to("GET", "/map", params={"name": SECRET})],
     ("GET", "/map/thumbnails.png"): [to("GET", "/map/thumbnails.png", params={"name": SECRET})],
     ("GET", "/shapes/{shape_id}"): [to("GET", "/shapes/{shape_id}")],

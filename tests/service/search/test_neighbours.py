@@ -122,6 +122,23 @@ def test_neighbours_are_near_each_other_on_the_map(stocked: tuple[Running, dict[
 
 
 @on_both
+def test_families_are_the_classes(stocked: tuple[Running, dict[str, str]]) -> None:
+    running, _ = stocked
+    found = running.client.get("/families").json()
+    families = [{shape["name"] for shape in family["shapes"]} for family in found["families"]]
+    assert families == [{f"{label}{pose}" for pose in range(POSES)} for label in LABELS]
+    assert (found["single"], found["unknown"]) == (0, 0)
+    # A filter shows less of a family, and joins or parts none.
+    one = running.client.get("/families", params={"name": "1"}).json()
+    assert (one["families"], one["single"]) == ([], len(LABELS))
+    fish = running.client.get("/families", params={"tag": "fish"}).json()["families"]
+    assert [[shape["name"] for shape in family["shapes"]] for family in fish] == [["fish0", "fish1", "fish2"]]
+    assert_problem(
+        running.client.get("/families", params={"least_probability": 1}), 422, "bad-request-fields"
+    )
+
+
+@on_both
 def test_neighbours_suggest_what_a_shape_lacks(stocked: tuple[Running, dict[str, str]]) -> None:
     running, ids = stocked
     client, address = running.client, f"/shapes/{ids['fish0']}"

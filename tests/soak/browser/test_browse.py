@@ -13,7 +13,7 @@ from core.mesh.mesh import Mesh
 from service.storage.database import next_revision
 from service.storage.tables import ShapeRow
 from tests.core.dense.solids import plate
-from tests.service.support import Running, serving, settings_in
+from tests.service.support import Running, relate, serving, settings_in
 from tests.soak.browser.support import NAMES, Visit, choose, made, show, stored, visiting
 
 MANY = 10_000
@@ -23,6 +23,27 @@ LONGEST = 50.0
 
 def names(page: Page) -> list[str]:
     return page.locator("#gallery .name").all_text_contents()
+
+
+def test_similar_shapes_are_one_card(visit: Visit, service: Running) -> None:
+    relate(service)
+    families = service.client.get("/families").json()["families"]
+    assert families
+    page = visit.open("browse")
+    group = page.get_by_label("Group similar shapes")
+    group.check()
+    cards = page.locator("#gallery > ul > li")
+    expect(cards).to_have_count(len(families))
+    noun = "group" if len(families) == 1 else "groups"
+    expect(page.locator("#gallery-status")).to_have_text(f"{len(families)} {noun} of similar shapes")
+    first, *others = [shape["name"] for shape in families[0]["shapes"]]
+    expect(cards.first.locator("> .name")).to_have_text(first)
+    cards.first.get_by_text(f"{len(others)} more like this").click()
+    expect(cards.first.locator("details .name")).to_have_text(others)
+    page.reload()
+    expect(cards).to_have_count(len(families))
+    group.uncheck()
+    expect(page.locator("#gallery .name")).to_have_count(len(NAMES))
 
 
 def test_the_list_has_an_order_and_filters(visit: Visit, service: Running) -> None:
