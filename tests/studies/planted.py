@@ -14,7 +14,7 @@ from tests.studies.common import write
 
 NONE = "none"
 GROUPED = frozenset({"same", "scaled", "mirrored", "variant"})
-LIKENESSES = ("same", "scaled", "mirrored", "variant", "pose", "similar", "weak")
+LIKENESSES = ("same", "scaled", "mirrored", "variant", "part_of", "pose", "similar", "weak")
 
 
 @dataclass(frozen=True, eq=False)

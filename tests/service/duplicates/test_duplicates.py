@@ -67,7 +67,8 @@ def planted(shared: Running) -> Running:
 
 
 def unjudge(running: Running) -> None:
-    """Forget all judgements."""
+    """Forget all judgements, and what registration told."""
+    running.container.relations.clear()
     with running.container.database.write() as session:
         session.execute(delete(DuplicatePairRow))
         session.execute(delete(JudgedShapeRow))
