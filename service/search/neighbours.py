@@ -24,12 +24,15 @@ from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
 from service.search.records import MatchedCandidates, Query
-from service.search.scoring import Cascade, find_candidates
+from service.search.scoring import Cascade, coarse_log_odds, find_candidates
 from service.shapes.records import ShapeFilter
 from service.storage.database import ReadSession
 
 SHORTLIST_FROM = 64
 """Shapes of a collection from which a row is made from a shortlist."""
+
+ROW_CANDIDATES = 300
+"""Most candidates of a row whose points are compared: those of greatest coarse log odds."""
 
 LEAST_KNOWN = 0.5
 """The least share of the likeliest candidates that have rows, for the graph to order an answer."""
@@ -69,6 +72,9 @@ async def make_row(
         candidates = await run_in_threadpool(
             find_candidates, container, query, ShapeFilter(collection), SHORTLIST_FROM, by_log_odds=True
         )
+        if len(candidates) > ROW_CANDIDATES:
+            likely = -coarse_log_odds(query, candidates.entries)
+            candidates = candidates.only(least(likely, candidates.entries.shapes, ROW_CANDIDATES))
         if len(candidates):
             matched = await cascade.score(candidates, NEIGHBOURS)
             assert matched.log_odds is not None
