@@ -31,7 +31,7 @@ from service.storage.database import ReadSession
 SHORTLIST_FROM = 64
 """Shapes of a collection from which a row is made from a shortlist."""
 
-ROW_CANDIDATES = 300
+ROW_CANDIDATES = 150
 """Most candidates of a row whose points are compared: those of greatest coarse log odds."""
 
 LEAST_KNOWN = 0.5
