@@ -19,10 +19,11 @@ from service.shapes.reembedding import prune_others
 from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database
-from service.storage.tables import DuplicatePairRow, JudgedShapeRow, ShapeRow
+from service.storage.tables import DuplicatePairRow, JudgedShapeRow, NeighboursRow, ShapeRow
 from tests.service.engines import on_postgresql, url_in
 from tests.service.support import (
     Running,
+    relate,
     requests_at_work,
     serving,
     settings_in,
@@ -175,6 +176,8 @@ def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:
         for seed in range(2):
             running.store(copy_of_plane(seed), f"{seed}.off")
         before = groups(running)
+        relate(running)
+        assert running.rows(NeighboursRow) == 2
     outcome, _ = reembed(settings, PAPER)
     assert outcome.active
     with serving(settings_in(tmp_path, pipeline="paper")) as running:
@@ -183,6 +186,7 @@ def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:
         prune_others(running.container.database, PAPER.fingerprint)
         assert running.rows(JudgedShapeRow) == 2
         assert running.rows(DuplicatePairRow) == 1
+        assert running.rows(NeighboursRow) == 0
 
 
 def test_copies_and_checks_of_an_archive_hold_the_pairs(tmp_path: Path) -> None:
