@@ -9,7 +9,7 @@ from collections import Counter
 
 import numpy as np
 
-from core.descriptors.pieces import COUNT, SIZE, number_of_pieces
+from core.descriptors.pieces import COUNT, SIZE, WIDTH, number_of_pieces
 from core.registration.instances import EQUAL_SIZE, may_be_instances
 from service.container import Container
 from service.search import repository
@@ -29,12 +29,12 @@ def possible_wholes_and_parts(
     fingerprint = query.active_pipeline.fingerprint
     found: Counter[int] = Counter()
     with container.database.read() as session:
+        sizes = [
+            (size * math.exp(-EQUAL_SIZE), size * math.exp(EQUAL_SIZE)) for size in rows[:, SIZE].tolist()
+        ]
+        stored = repository.pieces(session, fingerprint, shapes, sizes, of_several=is_part)
+        lengths = np.array([each for _, each in stored]).reshape(-1, WIDTH)
         for row in rows:
-            sizes = float(row[SIZE]) * math.exp(-EQUAL_SIZE), float(row[SIZE]) * math.exp(EQUAL_SIZE)
-            stored = repository.pieces(session, fingerprint, shapes, sizes, of_several=is_part)
-            if not stored:
-                continue
-            lengths = np.array([each for _, each in stored])
             for index in np.flatnonzero(may_be_instances(row, lengths)).tolist():
                 found[stored[index][0]] += int(lengths[index, COUNT] if is_part else row[COUNT])
         for number in query.excluded:

@@ -18,6 +18,7 @@ from sqlalchemy import (
     cast,
     func,
     literal,
+    or_,
     select,
     text,
 )
@@ -228,18 +229,19 @@ def pieces(
     session: ReadSession,
     fingerprint: str,
     shapes: ShapeFilter,
-    sizes: tuple[float, float],
+    sizes: Sequence[tuple[float, float]],
     *,
     of_several: bool,
 ) -> list[tuple[int, Float32s]]:
     """Return the pieces of the shapes that match a filter: the number of the shape, and a row of lengths.
 
-    The pieces have a size, the root of the area, between the two `sizes`, and are those of shapes of several
-    pieces, or else of one. At most `AT_ONCE` are read, of the oldest shapes.
+    The pieces have a size, the root of the area, in one of the ranges `sizes`, and are those of shapes of
+    several pieces, or else of one. At most `AT_ONCE` are read, of the oldest shapes.
     """
     query = _embedded(select(ShapeRow.number, PieceRow.lengths), fingerprint, shapes)
     query = query.join(PieceRow, PieceRow.embedding_number == EmbeddingRow.number).where(
-        PieceRow.size.between(*sizes), PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1
+        or_(*(PieceRow.size.between(*each) for each in sizes)),
+        PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1,
     )
     rows = session.execute(query.order_by(ShapeRow.number, PieceRow.place).limit(AT_ONCE))
     return [(number, lengths) for number, lengths in rows]
