@@ -24,6 +24,7 @@ from tests.soak.browser.support import (
 )
 from tests.studies.copies import moved
 from tests.studies.machine_parts import Change, Drawing, part
+from tests.studies.print_plates import plate
 
 BRACKET = part("bracket", Drawing(6, 0.1))
 
@@ -84,6 +85,20 @@ def test_a_variant_says_what_differs_on_its_card_and_in_the_table(
     assert page.locator("#cards .likeness").all_inner_texts() == ["Variant"]
     assert page.locator("#cards .change").all_inner_texts() == [told]
     assert [row["difference"] for row in saved(page, tmp_path)] == [told]
+
+
+def test_a_plate_that_has_the_query_is_a_card_after_the_results(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    service.clear()
+    for seed in range(3):
+        service.store(write_mesh(moved(BRACKET, seed), "stl"), f"{seed}.stl")
+    service.store(write_mesh(plate([BRACKET] * 4), "stl"), "plate.stl")
+    page = asked(visit, file_in(tmp_path, write_mesh(BRACKET, "stl"), "bracket.stl"), 5)
+    assert page.locator("#cards h3").all_inner_texts()[-1] == "4. plate.stl"
+    told = ["Same part"] * 3 + ["Contains it 4 times"]
+    assert page.locator("#cards .likeness").all_inner_texts() == told
+    assert [row["instances"] for row in saved(page, tmp_path)] == ["", "", "", told[-1]]
 
 
 def plainly(page: Page) -> list[np.ndarray]:
