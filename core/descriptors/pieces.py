@@ -8,6 +8,7 @@ import numpy as np
 from core.arrays import Float32s, Floats, Ints
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
+from core.numerics.compilation import compiled_for_reading
 
 MOST, LOOKED_AT = 64, 1024
 """Largest number of kinds that are described, and of pieces that are looked at, those of greatest area."""
@@ -45,33 +46,48 @@ def pieces(surface: Mesh, labels: Ints) -> Float32s:
 
 def piece_lengths(surface: Mesh, labels: Ints) -> Floats:
     """Return the lengths of each piece, in the order of the labels, shape (c, `COUNT`): see `pieces`."""
-    faces = surface.faces
-    of_face = labels[faces[:, 0]]
-    count = int(of_face.max()) + 1
-    areas = face_areas(surface.vertices, faces)
-    corners = surface.vertices[faces]
-    totals = np.maximum(_sums(of_face, areas, count), np.finfo(np.float64).tiny)
-    centres = np.stack(
-        [_sums(of_face, areas * middle, count) / totals for middle in corners.mean(axis=1).T], axis=1
-    )
-    corners = corners - centres[of_face][:, None]
-    # The integral of x x^T over a triangle is A / 12 times the sum over the corners and their sum.
-    points = np.concatenate([corners, corners.sum(axis=1, keepdims=True)], axis=1)
-    moments = np.empty((count, 3, 3))
-    for i in range(3):
-        for j in range(3):
-            products = (points[:, :, i] * points[:, :, j]).sum(axis=1)
-            moments[:, i, j] = _sums(of_face, areas * products, count) / (12.0 * totals)
-    volumes = np.abs(_sums(of_face, np.linalg.det(corners), count)) / 6.0
+    count = int(labels.max()) + 1
+    areas = face_areas(surface.vertices, surface.faces)
+    totals, volumes, moments = _integrals(surface.vertices, surface.faces, areas, labels, count)
     sides = surface.half_edges
-    on_boundary = sides.edges[sides.face_counts == 1, 0]
-    volumes[labels[on_boundary]] = 0.0
+    volumes[labels[sides.edges[sides.face_counts == 1, 0]]] = 0.0
     radii = np.sqrt(np.maximum(np.linalg.eigvalsh(moments), 0.0))
-    return np.column_stack([np.sqrt(totals), np.cbrt(volumes), radii])
+    return np.column_stack([np.sqrt(totals), np.cbrt(np.abs(volumes)), radii])
 
 
-def _sums(groups: Ints, values: Floats, count: int) -> Floats:
-    return np.bincount(groups, weights=values, minlength=count).astype(np.float64)
+@compiled_for_reading
+def _integrals(
+    vertices: Floats, faces: Ints, areas: Floats, labels: Ints, count: int
+) -> tuple[Floats, Floats, Floats]:
+    """Return areas and signed volumes of pieces, shape (c,), and mean second moments about their centroids.
+
+    The moments, shape (c, 3, 3), are there in the lower triangles.
+    """
+    totals, volumes = np.zeros(count), np.zeros(count)
+    centres, moments = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    for f in range(len(faces)):
+        piece = labels[faces[f, 0]]
+        totals[piece] += areas[f]
+        for axis in range(3):
+            for i in range(3):
+                centres[piece, axis] += areas[f] * vertices[faces[f, i], axis] / 3.0
+    for piece in range(count):
+        centres[piece] /= totals[piece]
+    for f in range(len(faces)):
+        piece = labels[faces[f, 0]]
+        a = vertices[faces[f, 0]] - centres[piece]
+        b = vertices[faces[f, 1]] - centres[piece]
+        c = vertices[faces[f, 2]] - centres[piece]
+        volumes[piece] += a[0] * (b[1] * c[2] - b[2] * c[1]) / 6.0
+        volumes[piece] += a[1] * (b[2] * c[0] - b[0] * c[2]) / 6.0
+        volumes[piece] += a[2] * (b[0] * c[1] - b[1] * c[0]) / 6.0
+        # The integral of x x^T over a triangle is A / 12 times the sum over the corners and their sum.
+        for i in range(3):
+            for j in range(i + 1):
+                product = a[i] * a[j] + b[i] * b[j] + c[i] * c[j]
+                product += (a[i] + b[i] + c[i]) * (a[j] + b[j] + c[j])
+                moments[piece, i, j] += areas[f] * product / (12.0 * totals[piece])
+    return totals, volumes, moments
 
 
 def number_of_pieces(rows: Float32s) -> int:
