@@ -11,7 +11,9 @@ from tests.soak.browser.support import NAMES, Visit, chromium, stock, stored, vi
 
 @pytest.fixture(scope="session")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    with serving(settings_in(tmp_path_factory.mktemp("browser"), workers=1, undo_days=7)) as running:
+    roots = (str(tmp_path_factory.getbasetemp()),)
+    folder = tmp_path_factory.mktemp("browser")
+    with serving(settings_in(folder, workers=1, undo_days=7, source_roots=roots)) as running:
         yield running
 
 

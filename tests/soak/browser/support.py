@@ -46,7 +46,7 @@ class Visit:
         self.page.goto(f"{self.here}/?{urlencode({'view': view, **parameters})}")
         self.page.wait_for_selector(
             "#start-shapes li, #gallery li, #map li, #duplicates li, "
-            "#view-upload:not([hidden]), #sign-in:not([hidden])"
+            "#view-upload:not([hidden]), #view-library:not([hidden]), #sign-in:not([hidden])"
         )
         return self.page
 

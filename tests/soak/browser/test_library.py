@@ -1,0 +1,46 @@
+"""The library: a folder's state, a loss that is confirmed, and what is missing."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.service.sources.support import Library, put
+from tests.service.support import Running, small_file
+from tests.soak.browser.support import PHONE, Visit, serious
+
+
+@pytest.mark.parametrize("visit", [{"color_scheme": "dark"}, PHONE], indirect=True, ids=["desktop", "phone"])
+def test_a_lost_folder_is_told_of_until_a_person_confirms(
+    visit: Visit, service: Running, tmp_path: Path
+) -> None:
+    root = tmp_path / "models"
+    put(root / "a.off", small_file(1))
+    put(root / "bad.off", b"no mesh")
+    with Library.of(service, root) as library:
+        page = visit.open("library")
+        row = page.locator("#sources > li")
+        expect(row).to_contain_text("1 files, up to date")
+        expect(row.locator(".path")).to_have_text(str(root))
+        row.get_by_text("1 refused").click()
+        expect(row.locator(".files li")).to_contain_text("bad.off: ")
+        assert serious(page) == []
+
+        root.rename(tmp_path / "away")
+        page.get_by_role("button", name="Rescan").click()
+        expect(row.locator(".warning")).to_contain_text("Offline: the folder cannot be listed")
+        assert serious(page) == []
+        page.get_by_role("button", name="Confirm the loss").click()
+        row.get_by_text("1 missing").click()
+        expect(row.locator(".files li")).to_have_text("a.off")
+        expect(row).to_contain_text("0 files, up to date")
+        (tmp_path / "away").rename(root)
+        library.rescan()
+        page.reload()
+        expect(row).to_contain_text("1 files, up to date")
+        # A press waits for the scan that it begins.
+        put(root / "b.off", small_file(2))
+        page.get_by_role("button", name="Rescan").click()
+        expect(row).to_contain_text("2 files, up to date")
+    page.reload()
+    expect(page.locator("#library-status")).to_contain_text("No folders yet.")
