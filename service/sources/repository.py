@@ -18,6 +18,9 @@ from service.storage.tables import NOT_DELETED, ShapeRow, SourceFileRow, SourceR
 AT_ONCE = 500
 """Rows that one transaction writes, so that other writers wait for a moment only."""
 
+READ_AT_ONCE = 2_000
+"""Rows that one transaction reads: writers of SQLite's rollback journal wait for readers."""
+
 # Without renewal for this long, a service counts as dead and others may scan the source.
 LEASE = timedelta(seconds=15)
 # A lease that ends later was written before the clock was set back.
@@ -147,11 +150,11 @@ def require(session: ReadSession, number: int) -> None:
         raise SourceLostError
 
 
-def known_files(session: ReadSession, number: int) -> dict[str, KnownFile]:
-    """Return the files of a source by their keys."""
+def known_files(session: ReadSession, number: int, after: int, limit: int) -> list[KnownFile]:
+    """Return the next files of a source after one."""
     columns = [getattr(SourceFileRow, name) for name in KnownFile.__dataclass_fields__]
-    rows = session.execute(select(*columns).where(SourceFileRow.source_number == number))
-    return {row.key: KnownFile(*row) for row in rows}
+    query = select(*columns).where(SourceFileRow.source_number == number, SourceFileRow.number > after)
+    return [KnownFile(*row) for row in session.execute(query.order_by(SourceFileRow.number).limit(limit))]
 
 
 def write(

@@ -4,12 +4,10 @@ Each transaction leaves a state from which the next scan goes on, so that a scan
 files come first, then new paths, then vanished files: a file that was moved has its new path by then.
 """
 
-import asyncio
-import hashlib
 import threading
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -20,67 +18,46 @@ from typing import Any, TypeVar
 from anyio import to_thread
 from starlette.concurrency import run_in_threadpool
 
-from core.errors import CoreError
-from core.io import FORMATS, format_of
 from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
 from service.errors import (
-    BadRequestFieldsError,
-    FieldFault,
-    FileTimeLimitError,
     FileTooLargeError,
     NameTakenError,
-    ServiceError,
-    ShapeNotFoundError,
-    WorkerLostError,
 )
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name, clean_name
-from service.shapes.records import NewFile, NewShape, StoredShape
+from service.shapes.records import sha256
 from service.shapes.schemas import ShapeChanges
-from service.shapes.service import Put, ingest, store_files
 from service.sources import repository
 from service.sources.comparison import Differences, compare, has_lost_half, same_files
-from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
-from service.sources.repository import AT_ONCE, KnownFile
+from service.sources.reading import FileInMotionError, FileUnreadableError
+from service.sources.repository import AT_ONCE, READ_AT_ONCE, KnownFile
 from service.sources.schemas import Scan as Report
-from service.sources.walk import FoundFile, RootMissingError, Tree, find_files
+from service.sources.storing import FileStorer, Places, format_at
+from service.sources.walk import FoundFile, RootMissingError, Tree, endings, find_files
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import SourceRow
 
 T = TypeVar("T")
 
 UNREAD = 100
-# Requests have priority, but a file waits no longer than this for a worker.
-PATIENCE_SECONDS = 5.0
-ROOM_SECONDS = 0.02
-# Lack of memory, rather than the file, may have killed a worker.
-TRIES = 2
-# Errors that the file causes.
-REFUSED = (CoreError, FileTimeLimitError, BadRequestFieldsError, FileTooLargeError, WorkerLostError)
 
 
 class OfflineError(Exception):
     """The folder is absent or empty, or has lost more than half of its files; the message tells which."""
 
 
-def endings() -> frozenset[str]:
-    """Return the endings of the files that are read."""
-    return frozenset(ending for format in FORMATS.values() if format.is_read for ending in format.endings)
-
-
 class SourceScan:
     """The scan of one source, which this service has claimed; `report` counts what it does."""
 
-    def __init__(self, container: Container, source: SourceRow) -> None:
-        self._container, self._database = container, container.database
+    def __init__(self, container: Container, source: SourceRow, places: Places) -> None:
+        self._container, self._database, self._places = container, container.database, places
         self._source, self._root = source, Path(source.root)
         self._collection = CollectionNumber(source.collection_number)
         self.report = Report()
-        self._locks: dict[str, asyncio.Lock] = {}
-        self._active = 0
+        self._storing = FileStorer(container, source, places, self.report)
         self._stopped = threading.Event()
 
     async def run(self) -> None:
@@ -103,7 +80,7 @@ class SourceScan:
             self.report.seconds = round(time.monotonic() - start, 3)
 
     async def _scan(self) -> None:
-        known = await self._database.reading(repository.known_files, self._source.number)
+        known = await self._known_files()
         is_expected = any(file.state != "missing" for file in known.values())
         confirmed = self._source.confirmed
         try:
@@ -127,6 +104,17 @@ class SourceScan:
         await self._settle_vanished(differences.vanished, known, tree)
         await self._forget_long_missing()
 
+    async def _known_files(self) -> dict[str, KnownFile]:
+        """Return what the archive knows, by key; no other scan changes it meanwhile."""
+        known: dict[str, KnownFile] = {}
+        after = 0
+        while files := await self._database.reading(
+            repository.known_files, self._source.number, after, READ_AT_ONCE
+        ):
+            known |= {file.key: file for file in files}
+            after = files[-1].number
+        return known
+
     async def _settle_unchanged(self, differences: Differences) -> None:
         """Have unchanged files that were missing back, and write other spellings of paths."""
         for batch in _batches(differences.back):
@@ -144,7 +132,7 @@ class SourceScan:
     async def _settle_changed(self, differences: Differences) -> None:
         """Store changed files, after those that were moved over the path of another."""
         read = await self._settle_exchanged(differences)
-        await self._each(iter(read), lambda pair: self._settle(pair[0].key, pair[1], pair[0]))
+        await self._each(iter(read), lambda pair: self._storing.settle(pair[0].key, pair[1], pair[0]))
 
     async def _settle_exchanged(self, differences: Differences) -> list[tuple[KnownFile, FoundFile]]:
         """Return the changed files whose bytes are those of no file that has vanished or changed.
@@ -162,21 +150,25 @@ class SourceScan:
         for earlier, found in differences.changed:
             known = current.get(earlier.number, earlier)
             try:
-                sha256 = _sha256(await run_in_threadpool(self._read, found))
+                digest = sha256(await run_in_threadpool(self._storing.read, found))
             except (FileInMotionError, FileTooLargeError, FileUnreadableError):
                 rest.append((known, found))
                 continue
-            mover = movers.get(sha256)
-            if known.sha256 == sha256 and known.state != "unreadable":
-                await self._database.writing(self._touch, found, known)
-                movers.pop(sha256, None)
+            mover = movers.get(digest)
+            if known.sha256 == digest and known.state != "unreadable":
+                await self._database.writing(self._storing.touch, found, known)
+                movers.pop(digest, None)
                 self.report.moved += known is not earlier
-            elif mover is None or mover.number == known.number or _format(mover.path) != _format(found.path):
+            elif (
+                mover is None
+                or mover.number == known.number
+                or format_at(mover.path) != format_at(found.path)
+            ):
                 rest.append((known, found))
             else:
                 moved = await self._database.writing(self._exchange, found, known, mover)
                 current[mover.number] = moved
-                del movers[sha256]
+                del movers[digest]
                 if moved.sha256 is not None:
                     movers[moved.sha256] = moved
                 self.report.moved += 1
@@ -189,7 +181,7 @@ class SourceScan:
         for key, found in differences.new.items():
             heads.setdefault((found.device, *found.same_bytes), key)
         first = {key: differences.new[key] for key in heads.values()}
-        await self._each(iter(first.items()), lambda item: self._settle(*item, None))
+        await self._each(iter(first.items()), lambda item: self._storing.settle(*item, None))
         if len(first) < len(differences.new):
             for key in first:
                 del differences.new[key]
@@ -197,7 +189,9 @@ class SourceScan:
 
     async def _add_known(self, differences: Differences) -> None:
         """Add the new paths of known files, and take them from the new ones."""
-        known = await self._database.reading(repository.known_files, self._source.number)
+        if not differences.new:
+            return
+        known = await self._known_files()
         same = same_files(known, differences)
         for batch in _batches(list(same.items())):
             rows = [
@@ -214,7 +208,7 @@ class SourceScan:
                     "missing_since": None,
                 }
                 for key, (found, file) in batch
-                if _format(found.path) == _format(file.path)
+                if format_at(found.path) == format_at(file.path)
             ]
             if rows:
                 await self._database.writing(self._add_all, rows)
@@ -225,99 +219,6 @@ class SourceScan:
     def _add_all(self, session: WriteSession, rows: Sequence[dict[str, Any]]) -> None:
         repository.require(session, self._source.number)
         repository.add_all(session, rows)
-
-    async def _settle(self, key: str, found: FoundFile, known: KnownFile | None) -> None:
-        """Read a file, and store it unless its bytes are known."""
-        try:
-            data = await run_in_threadpool(self._read, found)
-        except FileInMotionError:
-            self.report.left += 1
-            return
-        except (FileTooLargeError, FileUnreadableError) as error:
-            await self._refuse(key, found, known, None, error)
-            return
-        file = NewFile(data, _format(found.path), in_place=not self._source.copies)
-        sha256 = await run_in_threadpool(_sha256, data)
-        async with self._alone(sha256):
-            for tries_left in reversed(range(TRIES)):
-                try:
-                    await self._store(key, found, known, file)
-                    break
-                except REFUSED as error:
-                    if not (isinstance(error, WorkerLostError) and tries_left):
-                        await self._refuse(key, found, known, sha256, error)
-                        break
-        self.report.done += 1
-
-    def _read(self, found: FoundFile) -> bytes:
-        return read_file(self._root, found, self._container.settings.max_upload_bytes)
-
-    async def _store(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
-        """Store a file as the shape of its path, or as another path of the shape that has its bytes."""
-        if known is not None and await self._replace(key, found, known, file):
-            return
-        shape = await self._database.reading(
-            repository.shape_with, self._collection, file.sha256, file.format
-        )
-        if shape is not None and shape.deleted and shape.removed:
-            # The source of the shape was removed: adding the folder again brings it back.
-            with suppress(CoreError, NameTakenError, ShapeNotFoundError):
-                await shapes_service.restore(self._container, self._collection, shape.id)
-        if shape is not None:
-            values = _present(file, shape.number, owned=shape.owned)
-            await self._database.writing(self._put, key, found, known, values)
-            self.report.copies += 1
-            return
-        await self._ingest(key, found, known, file)
-
-    async def _ingest(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
-        """Store a file as a new shape, by the name of the file."""
-        try:
-            name = clean_name(base_name(found.path))
-        except ValueError as error:
-            raise BadRequestFieldsError(FieldFault("name", str(error))) from error
-        new = NewShape(
-            file.data,
-            file.format,
-            self._collection,
-            name,
-            tuple(self._source.tags),
-            {},
-            in_place=file.in_place,
-        )
-
-        def record(session: WriteSession, stored: StoredShape) -> None:
-            values = _present(file, stored.shape.number, owned=stored.created)
-            self._put(session, key, found, known, values)
-
-        async with self._worker():
-            await ingest(self._container, new, also=record)
-        self.report.stored += 1
-
-    async def _replace(self, key: str, found: FoundFile, known: KnownFile, file: NewFile) -> bool:
-        """Give the shape of a path its changed file; return whether the path has its shape."""
-        if known.shape_number is None or not known.owned:
-            return False
-        number = known.shape_number
-        if await self._database.reading(repository.others_with, number, known.number):
-            return False
-
-        def store(session: WriteSession, put: Put) -> bool:
-            record = next(iter(shapes_repository.records(session, self._collection, [number])), None)
-            if record is None:
-                return False
-            holder = shapes_repository.same(session, self._collection, file, record.name)
-            if holder is not None and holder.number != number:
-                return False
-            if holder is None:
-                shapes_repository.replace_file(session, record, file.format, put(file))
-            self._put(session, key, found, known, _present(file, number, owned=True))
-            return True
-
-        async with self._worker():
-            replaced, _ = await store_files(self._container, [file], store)
-        self.report.changed += replaced
-        return replaced
 
     def _exchange(
         self, session: WriteSession, found: FoundFile, known: KnownFile, mover: KnownFile
@@ -331,52 +232,13 @@ class SourceScan:
         repository.update_all(session, [{"number": mover.number, **own}])
         return replace(mover, **own)
 
-    def _touch(self, session: WriteSession, found: FoundFile, known: KnownFile) -> None:
-        """Write the time and the inode of a file whose bytes are unchanged."""
-        state = "present" if known.state == "missing" else known.state
-        row = {"number": known.number, **repository.as_found(found), "state": state, "missing_since": None}
-        repository.update_all(session, [row])
-
-    def _put(
-        self,
-        session: WriteSession,
-        key: str,
-        found: FoundFile,
-        known: KnownFile | None,
-        values: Mapping[str, Any],
-    ) -> None:
-        repository.require(session, self._source.number)
-        if known is not None and known.shape_number != values["shape_number"]:
-            # What its path had is deleted, unless another path has it.
-            for record in repository.lone_shapes(session, [known.number]):
-                shapes_service.delete(
-                    session, self._collection, record.id, self._container.settings.undo_time
-                )
-        repository.write(session, self._source.number, key, found, known, values)
-
-    async def _refuse(
-        self, key: str, found: FoundFile, known: KnownFile | None, sha256: str | None, error: Exception
-    ) -> None:
-        """Write why a file has no shape. The shape that its path had stays."""
-        assert isinstance(error, CoreError | ServiceError)
-        values: dict[str, Any] = {
-            "sha256": sha256,
-            "shape_number": None if known is None else known.shape_number,
-            "owned": known is not None and known.owned,
-            "state": "unreadable" if isinstance(error, FileUnreadableError) else "refused",
-            "kind": error.kind,
-            "detail": str(error)[: repository.DETAIL_CHARACTERS],
-        }
-        if isinstance(error, FileUnreadableError) and known is not None:
-            values["sha256"] = known.sha256
-        await self._database.writing(self._put, key, found, known, values)
-        self.report.refused += 1
-
     async def _settle_vanished(
         self, vanished: Sequence[KnownFile], known: dict[str, KnownFile], tree: Tree
     ) -> None:
         """Forget the old paths of moved files, and have the others missing unless too many are."""
-        current = await self._database.reading(repository.known_files, self._source.number)
+        if not vanished:
+            return
+        current = await self._known_files()
         rows = [current[file.key] for file in vanished if file.key in current]
         lost: list[KnownFile] = []
         numbers = {file.number for file in rows}
@@ -439,47 +301,12 @@ class SourceScan:
 
         async def take() -> None:
             for item in items:
-                await work(item)
+                async with self._places.place():
+                    await work(item)
 
         await together(take() for _ in range(self._container.settings.workers))
-
-    @asynccontextmanager
-    async def _alone(self, sha256: str) -> AsyncIterator[None]:
-        """Let one of the files with the same bytes be stored at a time: the next finds its shape."""
-        lock = self._locks.setdefault(sha256, asyncio.Lock())
-        async with lock:
-            yield
-        if not lock.locked():
-            self._locks.pop(sha256, None)
-
-    @asynccontextmanager
-    async def _worker(self) -> AsyncIterator[None]:
-        """Wait for a worker that no request needs, and count it until the end of the block."""
-        queue, since = self._container.queue, time.monotonic()
-        while queue.inside + self._active >= self._container.settings.workers:
-            if not self._active and time.monotonic() - since > PATIENCE_SECONDS:
-                break
-            await asyncio.sleep(ROOM_SECONDS)
-        self._active += 1
-        try:
-            yield
-        finally:
-            self._active -= 1
 
 
 def _batches(items: Sequence[T]) -> Iterator[Sequence[T]]:
     for start in range(0, len(items), AT_ONCE):
         yield items[start : start + AT_ONCE]
-
-
-def _present(file: NewFile, shape_number: int, *, owned: bool) -> dict[str, Any]:
-    """Return the columns of a file that is a shape."""
-    return {"sha256": file.sha256, "shape_number": shape_number, "owned": owned, "state": "present"}
-
-
-def _format(path: str) -> str:
-    return format_of(base_name(path))
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()

@@ -1,4 +1,4 @@
-"""The scanner of a service: it scans sources that changed, one after another, and watches their folders.
+"""The scanner of a service: it scans sources that changed, and watches their folders.
 
 A service that watches scans every source at its start, when its folder reports a change, and from time to
 time. Without sources, it reads one row of the database every few seconds.
@@ -21,6 +21,7 @@ from service.observability.logging import get_logger
 from service.sources import repository, service
 from service.sources.repository import LEASE, SourceLostError
 from service.sources.scan import OfflineError, SourceScan
+from service.sources.storing import Places
 from service.sources.watching import Watch
 from service.storage.tables import SourceRow
 
@@ -64,6 +65,10 @@ class Scanner:
         self._look = asyncio.Event()
         self._due: dict[int, float] = {}
         self._rests_until: dict[int, float] = {}
+        self._places = Places(container)
+        self._scans: dict[int, asyncio.Task[None]] = {}
+        # Sources whose folders have changed since their scan began.
+        self._changed_since: set[int] = set()
         self._watch = Watch(self._changed)
         self._running: asyncio.Task[None] | None = None
 
@@ -84,6 +89,8 @@ class Scanner:
 
     def _changed(self, number: int) -> None:
         """Scan a source whose folder reports a change, as soon as its last scan is long enough ago."""
+        if number in self._scans:
+            self._changed_since.add(number)
         due = max(time.monotonic(), self._rests_until.get(number, 0.0))
         self._due[number] = min(self._due.get(number, due), due)
         self.look()
@@ -101,45 +108,62 @@ class Scanner:
                     if self._watches:
                         await self._watch.follow({row.number: row.root for row in sources})
                     for source in self._wanted(sources):
-                        await self._scan(source)
+                        work = asyncio.create_task(self._scan_whole(source))
+                        work.add_done_callback(lambda _: self.look())
+                        self._scans[source.number] = work
                     await self._wait()
                 except ServiceError as error:
                     log.warning("sources wait: %s", error)
                     await asyncio.sleep(PAUSE_SECONDS)
-                except Exception as error:
-                    log.error("scanning failed", exc_info=error)
-                    await asyncio.sleep(PAUSE_SECONDS)
         finally:
+            for work in self._scans.values():
+                work.cancel()
+            await asyncio.gather(*self._scans.values(), return_exceptions=True)
             await self._watch.stop()
 
     def _wanted(self, sources: Sequence[SourceRow]) -> list[SourceRow]:
-        """Return the sources to scan now."""
+        """Return the sources to scan now; one that is being scanned is not."""
         now = time.monotonic()
+        self._scans = {number: scan for number, scan in self._scans.items() if not scan.done()}
         known = {source.number for source in sources}
         self._due = {number: due for number, due in self._due.items() if number in known}
         return [
             source
             for source in sources
-            if source.requested or (self._watches and self._due.get(source.number, 0.0) <= now)
+            if source.number not in self._scans
+            and (source.requested or (self._watches and self._due.get(source.number, 0.0) <= now))
         ]
 
     async def _wait(self) -> None:
         """Wait for a request, or until a source is due, but no longer than `LOOK_SECONDS`."""
-        next_due = min(self._due.values(), default=float("inf")) if self._watches else float("inf")
+        waiting = [due for number, due in self._due.items() if self._watches and number not in self._scans]
+        next_due = min(waiting, default=float("inf"))
         # wait_for of Python 3.11 loses a cancellation that meets the event.
         with suppress(TimeoutError):
             async with asyncio.timeout(min(LOOK_SECONDS, max(0.0, next_due - time.monotonic()))):
                 await self._look.wait()
         self._look.clear()
 
+    async def _scan_whole(self, source: SourceRow) -> None:
+        """Scan a source; after a failure, wait before the next attempt."""
+        try:
+            await self._scan(source)
+        except ServiceError as error:
+            log.warning("the source %s waits: %s", source.name, error)
+            await asyncio.sleep(PAUSE_SECONDS)
+        except Exception as error:
+            log.error("a scan failed", exc_info=error)
+            await asyncio.sleep(PAUSE_SECONDS)
+
     async def _scan(self, source: SourceRow) -> None:
         """Scan a source, unless another service does."""
         number, start = source.number, time.monotonic()
+        self._changed_since.discard(number)
         claimed = await self._database.writing(repository.claim, number, self._id)
         if claimed is None:
             self._due[number] = start + LOOK_SECONDS
             return
-        scan = SourceScan(self._container, claimed)
+        scan = SourceScan(self._container, claimed, self._places)
         ended: dict[str, Any] = {"state": "waiting"}
         try:
             await unless(self._renew_until_lost(scan, number), scan.run())
@@ -166,6 +190,7 @@ class Scanner:
             self._rests_until[number] = now + REST * (now - start)
             is_watched = ended.get("state") == "ready" and self._watch.follows(number)
             wait = LEFT_SECONDS if scan.report.left else RARE_SECONDS if is_watched else POLL_SECONDS
+            wait = 0.0 if number in self._changed_since else wait
             self._due[number] = max(self._rests_until[number], now + wait)
 
     async def _renew_until_lost(self, scan: SourceScan, number: int) -> NoReturn:

@@ -10,10 +10,12 @@ import stat
 import unicodedata
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from pathspec import GitIgnoreSpec
 
+from core.io import FORMATS
 from service.storage.in_place import open_beneath, open_folder
 
 IGNORE = ".isoshapeignore"
@@ -95,6 +97,12 @@ def find_files(root: Path, endings: frozenset[str], stopped: Callable[[], bool] 
     if "" in tree.unread:
         raise RootMissingError(f"{root}: {tree.unread['']}")
     return tree
+
+
+@cache
+def endings() -> frozenset[str]:
+    """Return the endings of the files that are read."""
+    return frozenset(ending for format in FORMATS.values() if format.is_read for ending in format.endings)
 
 
 def normal(path: str) -> str:

@@ -1,6 +1,7 @@
 """Watching folders for changes by the events of the system, where their file systems send any."""
 
 import asyncio
+import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 
 from service.observability.logging import get_logger
+from service.sources.walk import IGNORE, endings
 
 log = get_logger("sources")
 
@@ -56,6 +58,13 @@ def _unescaped(point: str) -> str:
     return point
 
 
+def _may_matter(_change: object, path: str) -> bool:
+    """Return whether a changed path may be a mesh, a folder or the patterns; others change all the time."""
+    name = os.path.basename(path)
+    ending = name.rpartition(".")[2].lower()
+    return "." not in name or ending in endings() or name == IGNORE or os.path.isdir(path)
+
+
 class Watch:
     """The watch on the folders of several sources, by one thread; none without folders to watch.
 
@@ -100,7 +109,7 @@ class Watch:
             async for changes in awatch(
                 *roots.values(),
                 debounce=DEBOUNCE_MILLISECONDS,
-                watch_filter=None,
+                watch_filter=_may_matter,
                 ignore_permission_denied=True,
             ):
                 for number, root in roots.items():

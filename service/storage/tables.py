@@ -499,6 +499,7 @@ class SourceFileRow(Table):
     __table_args__ = (
         UniqueConstraint("source_number", "key", name="one_file_a_path"),
         Index("source_files_by_state", "source_number", "state", "number"),
+        Index("source_files_by_number", "source_number", "number"),
         Index("source_files_by_sha256", "sha256"),
         Index("source_files_by_shape", "shape_number"),
         {"sqlite_autoincrement": True},

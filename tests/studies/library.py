@@ -20,7 +20,7 @@ from typing import Any
 from service.sources import reading
 from service.sources.walk import IGNORE
 from service.storage.in_place import open_beneath
-from tests.service.support import Running, serving, settings_in, small_file, wait_until
+from tests.service.support import Running, serving, settings_in, small_file
 
 IN_A_FOLDER = 200
 CHANGES = 100
@@ -86,8 +86,9 @@ class Source:
             self._id = self._client.post("/sources", json={"path": str(self._root)}).json()["id"]
         else:
             self._client.post(f"/sources/{self._id}/rescan")
-        wait_until(lambda: self._read()["state"] in {"ready", "offline"}, seconds=3600)
-        seconds, source = time.monotonic() - start, self._read()
+        while (source := self._read())["state"] not in {"ready", "offline"}:
+            time.sleep(0.5)
+        seconds = time.monotonic() - start
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
         scan = source["scan"]
         counts = {name: scan[name] for name in ("found", "stored", "copies", "changed", "moved", "refused")}

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from service.shapes.service import ingest
-from service.sources import reading, scan, scanner
+from service.sources import reading, scanner, storing
 from service.storage.in_place import open_beneath
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
@@ -123,12 +123,12 @@ def test_a_scan_that_was_cut_off_is_continued(
         stored.append(await ingest(*arguments, **named))
         return stored[0]
 
-    monkeypatch.setattr(scan, "ingest", cut_off)
+    monkeypatch.setattr(storing, "ingest", cut_off)
     monkeypatch.setattr(scanner, "PAUSE_SECONDS", 0.0)
     with Library.of(running, root) as library:
         assert library.read()["detail"].startswith("the scan failed")
         (first,) = library.shapes().values()
-        monkeypatch.setattr(scan, "ingest", ingest)
+        monkeypatch.setattr(storing, "ingest", ingest)
         assert library.rescan()["scan"]["stored"] == 2
         assert first in library.shapes().values()
         assert len(set(library.shapes().values())) == running.client.get("/shapes").json()["total"] == 3

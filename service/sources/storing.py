@@ -1,0 +1,253 @@
+"""Storing a file of a source: as a shape, as another path of one, or with the reason why it has none."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+
+from core.errors import CoreError
+from core.io import format_of
+from service.collection import CollectionNumber
+from service.container import Container
+from service.errors import (
+    BadRequestFieldsError,
+    FieldFault,
+    FileTimeLimitError,
+    FileTooLargeError,
+    NameTakenError,
+    ServiceError,
+    ShapeNotFoundError,
+    WorkerLostError,
+)
+from service.previews import thumbnails
+from service.rendering.thumbnail import draw
+from service.shapes import repository as shapes_repository
+from service.shapes import service as shapes_service
+from service.shapes.fields import base_name, clean_name
+from service.shapes.records import NewFile, NewShape, StoredShape, sha256
+from service.shapes.service import Put, ingest, store_files
+from service.sources import repository
+from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
+from service.sources.repository import KnownFile
+from service.sources.schemas import Scan as Report
+from service.sources.walk import FoundFile
+from service.storage.database import WriteSession
+from service.storage.tables import SourceRow
+
+# The size of the pictures in lists.
+PICTURE_PIXELS = 256
+# Requests have priority, but a file waits no longer than this for a worker.
+PATIENCE_SECONDS = 5.0
+ROOM_SECONDS = 0.02
+# Lack of memory, rather than the file, may have killed a worker.
+TRIES = 2
+# Errors that the file causes.
+REFUSED = (CoreError, FileTimeLimitError, BadRequestFieldsError, FileTooLargeError, WorkerLostError)
+
+
+class Places:
+    """The files that the scans of a service read and store at a time: as many as there are workers."""
+
+    def __init__(self, container: Container) -> None:
+        self._container = container
+        self._free = asyncio.Semaphore(container.settings.workers)
+        self._active = 0
+
+    @asynccontextmanager
+    async def place(self) -> AsyncIterator[None]:
+        """Wait for one of the places, which hold a file each."""
+        async with self._free:
+            yield
+
+    @asynccontextmanager
+    async def worker(self) -> AsyncIterator[None]:
+        """Wait for a worker that no request needs, and count it until the end of the block."""
+        queue, since = self._container.queue, time.monotonic()
+        while queue.inside + self._active >= self._container.settings.workers:
+            if not self._active and time.monotonic() - since > PATIENCE_SECONDS:
+                break
+            await asyncio.sleep(ROOM_SECONDS)
+        self._active += 1
+        try:
+            yield
+        finally:
+            self._active -= 1
+
+
+class FileStorer:
+    """Stores the files of one source during a scan, and counts them in its `report`."""
+
+    def __init__(self, container: Container, source: SourceRow, places: Places, report: Report) -> None:
+        self._container, self._database, self._places = container, container.database, places
+        self._source, self._root, self._report = source, Path(source.root), report
+        self._collection = CollectionNumber(source.collection_number)
+        self._locks: dict[str, asyncio.Lock] = {}
+
+    async def settle(self, key: str, found: FoundFile, known: KnownFile | None) -> None:
+        """Read a file, and store it unless its bytes are known."""
+        try:
+            data = await run_in_threadpool(self.read, found)
+        except FileInMotionError:
+            self._report.left += 1
+            return
+        except (FileTooLargeError, FileUnreadableError) as error:
+            await self._refuse(key, found, known, None, error)
+            return
+        file = NewFile(data, format_at(found.path), in_place=not self._source.copies)
+        digest = await run_in_threadpool(sha256, data)
+        async with self._alone(digest):
+            for tries_left in reversed(range(TRIES)):
+                try:
+                    await self._store(key, found, known, file)
+                    break
+                except REFUSED as error:
+                    if not (isinstance(error, WorkerLostError) and tries_left):
+                        await self._refuse(key, found, known, digest, error)
+                        break
+        self._report.done += 1
+
+    def read(self, found: FoundFile) -> bytes:
+        """Return the bytes of a file; see `read_file`."""
+        return read_file(self._root, found, self._container.settings.max_upload_bytes)
+
+    async def _store(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
+        """Store a file as the shape of its path, or as another path of the shape that has its bytes."""
+        if known is not None and await self._replace(key, found, known, file):
+            return
+        shape = await self._database.reading(
+            repository.shape_with, self._collection, file.sha256, file.format
+        )
+        if shape is not None and shape.deleted and shape.removed:
+            # The source of the shape was removed: adding the folder again brings it back.
+            with suppress(CoreError, NameTakenError, ShapeNotFoundError):
+                await shapes_service.restore(self._container, self._collection, shape.id)
+        if shape is not None:
+            values = _present(file, shape.number, owned=shape.owned)
+            await self._database.writing(self._put, key, found, known, values)
+            self._report.copies += 1
+            return
+        await self._ingest(key, found, known, file)
+
+    async def _ingest(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:
+        """Store a file as a new shape, by the name of the file."""
+        try:
+            name = clean_name(base_name(found.path))
+        except ValueError as error:
+            raise BadRequestFieldsError(FieldFault("name", str(error))) from error
+        new = NewShape(
+            file.data,
+            file.format,
+            self._collection,
+            name,
+            tuple(self._source.tags),
+            {},
+            in_place=file.in_place,
+        )
+
+        def record(session: WriteSession, stored: StoredShape) -> None:
+            values = _present(file, stored.shape.number, owned=stored.created)
+            self._put(session, key, found, known, values)
+
+        async with self._places.worker():
+            await ingest(self._container, new, also=record)
+            await self._draw(file)
+        self._report.stored += 1
+
+    async def _replace(self, key: str, found: FoundFile, known: KnownFile, file: NewFile) -> bool:
+        """Give the shape of a path its changed file; return whether the path has its shape."""
+        if known.shape_number is None or not known.owned:
+            return False
+        number = known.shape_number
+        if await self._database.reading(repository.others_with, number, known.number):
+            return False
+
+        def store(session: WriteSession, put: Put) -> bool:
+            record = next(iter(shapes_repository.records(session, self._collection, [number])), None)
+            if record is None:
+                return False
+            holder = shapes_repository.same(session, self._collection, file, record.name)
+            if holder is not None and holder.number != number:
+                return False
+            if holder is None:
+                shapes_repository.replace_file(session, record, file.format, put(file))
+            self._put(session, key, found, known, _present(file, number, owned=True))
+            return True
+
+        async with self._places.worker():
+            replaced, _ = await store_files(self._container, [file], store)
+            await self._draw(file)
+        self._report.changed += replaced
+        return replaced
+
+    async def _draw(self, file: NewFile) -> None:
+        """Draw the picture of a file that the archive does not keep: its folder may be away later."""
+        if not file.in_place:
+            return
+        with suppress(CoreError, ServiceError):
+            mesh = await self._container.queue.read(file.data, file.format)
+            picture = await self._container.queue.do(draw, mesh, file.format, PICTURE_PIXELS)
+            await thumbnails.store(self._container, {file.key: picture}, PICTURE_PIXELS)
+
+    def touch(self, session: WriteSession, found: FoundFile, known: KnownFile) -> None:
+        """Write the time and the inode of a file whose bytes are unchanged."""
+        state = "present" if known.state == "missing" else known.state
+        row = {"number": known.number, **repository.as_found(found), "state": state, "missing_since": None}
+        repository.update_all(session, [row])
+
+    def _put(
+        self,
+        session: WriteSession,
+        key: str,
+        found: FoundFile,
+        known: KnownFile | None,
+        values: Mapping[str, Any],
+    ) -> None:
+        repository.require(session, self._source.number)
+        if known is not None and known.shape_number != values["shape_number"]:
+            # What its path had is deleted, unless another path has it.
+            for record in repository.lone_shapes(session, [known.number]):
+                shapes_service.delete(
+                    session, self._collection, record.id, self._container.settings.undo_time
+                )
+        repository.write(session, self._source.number, key, found, known, values)
+
+    async def _refuse(
+        self, key: str, found: FoundFile, known: KnownFile | None, sha256: str | None, error: Exception
+    ) -> None:
+        """Write why a file has no shape. The shape that its path had stays."""
+        assert isinstance(error, CoreError | ServiceError)
+        values: dict[str, Any] = {
+            "sha256": sha256,
+            "shape_number": None if known is None else known.shape_number,
+            "owned": known is not None and known.owned,
+            "state": "unreadable" if isinstance(error, FileUnreadableError) else "refused",
+            "kind": error.kind,
+            "detail": str(error)[: repository.DETAIL_CHARACTERS],
+        }
+        if isinstance(error, FileUnreadableError) and known is not None:
+            values["sha256"] = known.sha256
+        await self._database.writing(self._put, key, found, known, values)
+        self._report.refused += 1
+
+    @asynccontextmanager
+    async def _alone(self, sha256: str) -> AsyncIterator[None]:
+        """Let one of the files with the same bytes be stored at a time: the next finds its shape."""
+        lock = self._locks.setdefault(sha256, asyncio.Lock())
+        async with lock:
+            yield
+        if not lock.locked():
+            self._locks.pop(sha256, None)
+
+
+def _present(file: NewFile, shape_number: int, *, owned: bool) -> dict[str, Any]:
+    """Return the columns of a file that is a shape."""
+    return {"sha256": file.sha256, "shape_number": shape_number, "owned": owned, "state": "present"}
+
+
+def format_at(path: str) -> str:
+    """Return the format of the file at a path."""
+    return format_of(base_name(path))
