@@ -47,7 +47,7 @@ def same_files(
     by_state = {
         file.same_bytes: file
         for file in known.values()
-        if file.sha256 is not None and file.state != "unreadable" and file.number not in unsettled
+        if file.sha256 is not None and file.state in {"present", "missing"} and file.number not in unsettled
     }
     return {
         key: (found, by_state[found.same_bytes])

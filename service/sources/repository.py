@@ -55,6 +55,9 @@ class KnownFile:
         return self.inode, self.size, self.mtime_ns
 
 
+_KNOWN = select(*(getattr(SourceFileRow, name) for name in KnownFile.__dataclass_fields__))
+
+
 def add(session: WriteSession, collection: CollectionNumber, values: Mapping[str, Any]) -> SourceRow:
     """Add a source, which waits for its first scan."""
     row = SourceRow(
@@ -152,9 +155,14 @@ def require(session: ReadSession, number: int) -> None:
 
 def known_files(session: ReadSession, number: int, after: int, limit: int) -> list[KnownFile]:
     """Return the next files of a source after one."""
-    columns = [getattr(SourceFileRow, name) for name in KnownFile.__dataclass_fields__]
-    query = select(*columns).where(SourceFileRow.source_number == number, SourceFileRow.number > after)
+    query = _KNOWN.where(SourceFileRow.source_number == number, SourceFileRow.number > after)
     return [KnownFile(*row) for row in session.execute(query.order_by(SourceFileRow.number).limit(limit))]
+
+
+def known_at(session: ReadSession, number: int, keys: Sequence[str]) -> list[KnownFile]:
+    """Return the files of a source with some keys."""
+    query = _KNOWN.where(SourceFileRow.source_number == number, SourceFileRow.key.in_(keys))
+    return [KnownFile(*row) for row in session.execute(query)]
 
 
 def write(

@@ -6,7 +6,7 @@ files come first, then new paths, then vanished files: a file that was moved has
 
 import threading
 import time
-from collections.abc import Awaitable, Callable, Collection, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -100,7 +100,7 @@ class SourceScan:
         differences = await run_in_threadpool(compare, known, tree)
         await self._settle_unchanged(differences)
         await self._settle_changed(differences)
-        await self._settle_new(differences)
+        await self._settle_new(differences, known)
         await self._settle_vanished(differences.vanished, known, tree)
         await self._forget_long_missing()
 
@@ -113,6 +113,14 @@ class SourceScan:
         ):
             known |= {file.key: file for file in files}
             after = files[-1].number
+        return known
+
+    async def _known_at(self, keys: Sequence[str]) -> dict[str, KnownFile]:
+        """Return what the archive knows by now of some keys."""
+        known: dict[str, KnownFile] = {}
+        for batch in _batches(keys):
+            files = await self._database.reading(repository.known_at, self._source.number, batch)
+            known |= {file.key: file for file in files}
         return known
 
     async def _settle_unchanged(self, differences: Differences) -> None:
@@ -174,9 +182,9 @@ class SourceScan:
                 self.report.moved += 1
         return [(current.get(known.number, known), found) for known, found in rest]
 
-    async def _settle_new(self, differences: Differences) -> None:
+    async def _settle_new(self, differences: Differences, known: Mapping[str, KnownFile]) -> None:
         """Store new paths: those of known files by their inodes, the others by their bytes."""
-        await self._add_known(differences)
+        await self._add_known(differences, known)
         heads: dict[tuple[int, ...], str] = {}
         for key, found in differences.new.items():
             heads.setdefault((found.device, *found.same_bytes), key)
@@ -185,13 +193,10 @@ class SourceScan:
         if len(first) < len(differences.new):
             for key in first:
                 del differences.new[key]
-            await self._add_known(differences)
+            await self._add_known(differences, await self._known_at(list(first)))
 
-    async def _add_known(self, differences: Differences) -> None:
+    async def _add_known(self, differences: Differences, known: Mapping[str, KnownFile]) -> None:
         """Add the new paths of known files, and take them from the new ones."""
-        if not differences.new:
-            return
-        known = await self._known_files()
         same = same_files(known, differences)
         for batch in _batches(list(same.items())):
             rows = [
@@ -202,7 +207,7 @@ class SourceScan:
                     "sha256": file.sha256,
                     "shape_number": file.shape_number,
                     "owned": file.owned,
-                    "state": "present" if file.state == "missing" else file.state,
+                    "state": "present",
                     "kind": None,
                     "detail": None,
                     "missing_since": None,
@@ -236,9 +241,7 @@ class SourceScan:
         self, vanished: Sequence[KnownFile], known: dict[str, KnownFile], tree: Tree
     ) -> None:
         """Forget the old paths of moved files, and have the others missing unless too many are."""
-        if not vanished:
-            return
-        current = await self._known_files()
+        current = await self._known_at([file.key for file in vanished])
         rows = [current[file.key] for file in vanished if file.key in current]
         lost: list[KnownFile] = []
         numbers = {file.number for file in rows}

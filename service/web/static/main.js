@@ -95,6 +95,7 @@ const form = byId("sign-in", HTMLElement);
 const content = byId("signed-in", HTMLElement);
 const key = byId("key", HTMLInputElement);
 const views = byId("views", HTMLElement);
+const site = byId("site", HTMLElement);
 const signOutButton = byId("sign-out", HTMLButtonElement);
 const errorBox = byId("error", HTMLElement);
 
@@ -142,7 +143,7 @@ async function enter(own) {
 /** The view of the address, or the first one. */
 function shownView() {
   const { view } = current();
-  const link = views.querySelector(`a[data-view="${CSS.escape(view)}"]`);
+  const link = document.querySelector(`nav a[data-view="${CSS.escape(view)}"]`);
   return link instanceof HTMLElement && !link.hidden ? view : "find";
 }
 
@@ -154,7 +155,7 @@ function show() {
   for (const part of content.querySelectorAll(":scope > section")) {
     /** @type {HTMLElement} */ (part).hidden = part.id !== `view-${view}`;
   }
-  for (const link of views.querySelectorAll("a")) {
+  for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("nav a[data-view]"))) {
     const own = link.dataset.view ?? "";
     link.href = linkTo(own, left[own]?.parameters);
     if (own === view) link.setAttribute("aria-current", "page");
@@ -203,6 +204,7 @@ document.addEventListener("click", (event) => {
   const view = link.dataset.view ?? "find";
   const parameters = new URL(link.href).searchParams;
   for (const name of ["view", "collection"]) parameters.delete(name);
+  site.togglePopover(false);
   go(view, parameters, views.contains(link) ? left[view]?.file : null);
   scrollTo(0, 0);
 });
