@@ -47,7 +47,7 @@ COMMANDS = {
     "restore": Command("Use", "Restore deleted shapes.", "shapes"),
     "compare": Command("Use", "Compare two shapes, vertex by vertex with --out.", "compare"),
     "duplicates": Command("Use", "Find groups of near-identical stored shapes.", "compare"),
-    "mcp": Command("Use", "Offer the archive to programs that speak the Model Context Protocol.", "mcp"),
+    "mcp": Command("Use", "Offer the archive to programs over MCP.", "mcp"),
     "collections": Command("Use", "List, create and delete collections of shapes.", "access"),
     "compile": Command("Use", "Compile the kernels for this processor, once.", "serve"),
     "key": Command("Use", "Make an API key and print it with its SHA-256.", "access"),

@@ -18,9 +18,9 @@ def mcp_command(
     key: Key = None,
     collection: Collection = None,
 ) -> None:
-    """Offer the archive to programs that speak the Model Context Protocol.
+    """Offer the archive to programs over MCP.
 
-    Such a program starts this command, and talks with it over standard input and output. The tools only read
+    A program that speaks the Model Context Protocol starts this command, and talks with it over standard input and output. The tools only read
     unless --write is given.
     """
     if find_spec("mcp") is None:

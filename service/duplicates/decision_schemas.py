@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from core.ranking.likeness import Copy
-from core.registration.similarity import RESIDUAL
 from service.duplicates.records import Decision, DecisionRecord
 from service.shapes.fields import clean_id, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
@@ -155,7 +154,7 @@ class Rule(Reasoned, Filters):
         min_length=1,
         description="Only groups whose shapes all have one of these likenesses to the first.",
     )
-    max_residual: float = Field(default=RESIDUAL, gt=0.0, le=RESIDUAL)
+    max_residual: float | None = Field(default=None, gt=0.0)
     scaled: bool = False
     mirrored: bool = True
     variants: bool = False
