@@ -213,7 +213,7 @@ def test_shapes_that_go_leave_no_row_behind(service: Running) -> None:
 def test_a_row_keeps_the_likeliest(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of more shapes than a row has room for, also after a shape that is compared with few of them."""
     monkeypatch.setattr(neighbours, "SHORTLIST_FROM", 2)
-    for number in range(NEIGHBOURS + 4):
+    for number in range(NEIGHBOURS + 2):
         service.store(small_file(number), f"{number}.off")
     relate(service)
     rows = graph(service)
