@@ -188,7 +188,8 @@ class DenseCorrespondence:
     vertices : int32, shape (n,)
         A vertex of the other mesh, as it was given; several vertices may share one.
     confidence : float32, shape (n,)
-        How far the vertex can be trusted, in [0, 1]: 0 where there is no partner.
+        Probability, in [0, 1], that the vertex is within 0.05 root of the area of the true one; where rigid
+        surfaces coincide, 0.5 to 1 by their distance; 0 where there is no partner.
     stretch : float32, shape (n,)
         Length around the vertex on the other mesh over length here, > 0, divided by its median: 1 where
         the surface is not stretched.

@@ -1,3 +1,3 @@
 """Dense correspondence: two meshes and a few pairs in; a vertex for each vertex, and differences, out."""
 
-__all__ = ["dense_correspondence", "functional_maps", "transfer", "working_surface"]
+__all__ = ["confidence", "dense_correspondence", "functional_maps", "transfer", "working_surface"]

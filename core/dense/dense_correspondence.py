@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
+from core.dense.confidence import spectral_confidence
 from core.dense.functional_maps import FINE, basis, functional_map, nearest_both_ways
 from core.dense.working_surface import WorkingSurface
 from core.embedding import DenseCorrespondence
@@ -88,6 +89,8 @@ class SurfaceMap:
         Length on the second given mesh over length on the first, > 0.
     maps : int
         Different functional maps that fit about equally well, at least 1: more if the shape is symmetric.
+    cost : float
+        How badly the functional map fits, from about -70 to 100 and more.
     """
 
     surfaces: tuple[WorkingSurface, WorkingSurface]
@@ -96,6 +99,7 @@ class SurfaceMap:
     partners: tuple[Partners, Partners]
     scale: float
     maps: int
+    cost: float
 
     def correspondences(self) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Return the correspondence of the given meshes, from the first to the second and back."""
@@ -160,22 +164,22 @@ def surface_map(
     # Pair all vertices by functional maps.
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
     starts = [_vertices(surfaces, some) for some in pairs]
-    rotation, count = functional_map(*bases, starts, mirrored, held)
+    rotation, count, cost = functional_map(*bases, starts, mirrored, held)
     size = len(rotation)
     rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
-    maps = _vertex_maps(*rows)
+    maps = _vertex_maps(*rows, cost, count)
 
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])
         backward = _mapped_partners(second, samples[1].unit, maps[1])
         scale = _scale(surfaces, (forward, backward))
-        return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count)
+        return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count, cost)
     registered = _registered(first, second, samples, motion)
     reversed_ = _registered(second, first, samples[::-1], motion.inverse)
     forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
     backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
     whole = units[0].then(motion).then(units[1].inverse)
-    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units, count)
+    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units, count, cost)
 
 
 def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> Ints:
@@ -183,20 +187,15 @@ def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> I
     return np.stack([surface.samples[pairs[:, side]] for side, surface in enumerate(surfaces)], axis=1)
 
 
-def _vertex_maps(rotated: Floats, functions: Floats) -> tuple[_VertexMap, _VertexMap]:
+def _vertex_maps(
+    rotated: Floats, functions: Floats, cost: float, count: int
+) -> tuple[_VertexMap, _VertexMap]:
     """Return the maps by nearest neighbours in the common spectral domain, there and back."""
     forward, backward = nearest_both_ways(rotated, functions)
     return (
-        _VertexMap(forward, spectral_confidence(rotated, functions[forward]), backward),
-        _VertexMap(backward, spectral_confidence(functions, rotated[backward]), forward),
+        _VertexMap(forward, spectral_confidence(rotated, functions[forward], cost, count), backward),
+        _VertexMap(backward, spectral_confidence(functions, rotated[backward], cost, count), forward),
     )
-
-
-def spectral_confidence(rows: Floats, partners: Floats) -> Floats:
-    """Return 1 where two rows coincide, 0 where they are orthogonal or worse: half their distance squared."""
-    lengths = np.einsum("ij,ij->i", rows, rows) + np.einsum("ij,ij->i", partners, partners)
-    squares = ((rows - partners) ** 2).sum(axis=1)
-    return np.asarray(np.clip(1.0 - squares / lengths, 0.0, 1.0))
 
 
 def _mapped_partners(surface: WorkingSurface, unit: float, map_: _VertexMap) -> Partners:

@@ -123,10 +123,11 @@ class Held(NamedTuple):
 
 
 class FunctionalMap(NamedTuple):
-    """An orthogonal map between functions, and how many maps, itself counted, fit about as well."""
+    """An orthogonal map between functions, how many maps, itself counted, fit about as well, and its cost."""
 
     rotation: Floats
     fitting: int
+    cost: float
 
 
 def basis(mesh: Mesh, count: int) -> Basis:
@@ -252,9 +253,10 @@ def functional_map(
     fitting = [maps[which] for which in order if costs[which] <= costs[order[0]] + FITS_AS_WELL]
     count = len(_different(*some, fitting))
     if whole == largest:
-        return FunctionalMap(best, count)
+        return FunctionalMap(best, count, costs[order[0]])
     finer = _some(first, FINELY_REFINED), _some(second, FINELY_REFINED)
-    return FunctionalMap(_upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held), count)
+    best = _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held)
+    return FunctionalMap(best, count, costs[order[0]])
 
 
 def _different(first: Basis, second: Basis, maps: Sequence[Floats]) -> list[Ints]:

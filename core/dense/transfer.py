@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.dense.dense_correspondence import SurfaceMap, spectral_confidence
+from core.dense.confidence import spectral_confidence
+from core.dense.dense_correspondence import SurfaceMap
 from core.dense.functional_maps import nearest_both_ways
 from core.dense.working_surface import Places, WorkingSurface
 from core.errors import ParameterError
@@ -78,7 +79,7 @@ def transferred_points(map_: SurfaceMap, points: Floats) -> TransferredPoints:
     rows = np.einsum("pc,pck->pk", places.shares, map_.rows[0][corners])
     nearest = nearest_both_ways(rows, map_.rows[1])[0]
     ends, met = _nearest_on_triangles(rows, map_.rows[1], second.mesh.faces, nearest)
-    partners, confidence = second.points(ends), spectral_confidence(rows, met)
+    partners, confidence = second.points(ends), spectral_confidence(rows, met, map_.cost, map_.maps)
     if map_.motion is not None:
         moved = map_.motion.apply(points)
         gaps = np.linalg.norm(second.points(second.places(moved)) - moved, axis=1) / second.root_of_area

@@ -52,8 +52,9 @@ class DenseFields(BaseModel):
     )
     confidence: list[float] | None = Field(
         default=None,
-        description="With dense: for each vertex of the first file, in [0, 1]: 1 where no distance is left "
-        "in the spectral domain, or where the surfaces coincide after a motion; 0 without a partner.",
+        description="With dense: for each vertex of the first file the probability that its partner is "
+        "within 0.05 root of the area of the true one; where the surfaces coincide after a motion, 0.5 to 1 "
+        "by their distance; 0 without a partner.",
     )
     length_ratio: float | None = Field(
         default=None, description="With dense: a length on the second shape over the same on the first."

@@ -1,0 +1,183 @@
+"""The confidence of dense correspondences against the truth: a reliability diagram, and its fit.
+
+    python -m tests.studies.confidence DIR [--limit 14] [--vertices 1500] [--tosca COLLECTION]
+
+Pairs of made bodies: another pose on another mesh, another individual, a part of 50 to 90 % of the area and
+the whole, and the whole and a part. With --tosca, as many pairs of a collection with `.vts` files as well.
+For each kind and tenth of confidence, `confidence.csv` has the share of vertices within 0.05 of the true
+partner; `fit.csv` has the coefficients of `core.dense.confidence` that these pairs give. Exits with status 1
+if confidence and share differ by more than 0.1 in the mean over all vertices.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from core.arrays import Floats, Ints
+from core.dense.confidence import NEAR_TRUTH, agreement
+from core.embedding import Embedding
+from core.evaluation.correspondence_errors import (
+    drawn_pairs,
+    known_mesh,
+    measured_vertices,
+    surface_distances,
+)
+from core.gallery import CLASSES
+from core.gallery.bodies import individual_partners, make_body
+from core.io import format_of, read_mesh
+from core.mesh.cleaning import face_areas
+from core.mesh.mesh import Mesh
+from core.pipeline import Pipeline
+from service.evaluation.template_truth import read_truth
+from tests.studies.common import run, write
+
+MOST, DRAWN = 0.1, 400
+BINS = np.linspace(0.0, 1.0, 11)
+PIPELINE = Pipeline()
+
+Truth = Callable[[Ints], Floats]
+Pair = tuple[str, Mesh, Mesh, Truth]
+
+
+def part_of(mesh: Mesh, share: float, seed: int) -> tuple[Mesh, Ints]:
+    """Return a mesh without a share of its area on one side, and the vertices of the mesh that it keeps."""
+    along = np.random.default_rng(seed).normal(size=3)
+    order = np.argsort(mesh.vertices[mesh.faces].mean(axis=1) @ along)
+    areas = face_areas(mesh.vertices, mesh.faces)[order]
+    faces = mesh.faces[np.sort(order[np.cumsum(areas) > share * areas.sum()])]
+    kept, numbers = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.vertices[kept], numbers.reshape(-1, 3)), kept
+
+
+def made_pairs(limit: int, vertices: int) -> Iterator[Pair]:
+    """Yield pairs of bodies, with the errors of a map from the first to the second."""
+    for number, label in enumerate(list(CLASSES)[:limit]):
+        one, other, finer = (
+            make_body(label, body, vertices=count)
+            for body, count in ((0, vertices), (1, vertices), (0, round(1.2 * vertices)))
+        )
+        posed, whole = one.posed(0), one.posed(1)
+        yield "pose", posed, finer.posed(1), _errors(surface_distances(finer), one.partners(finer)[0])
+        truth = individual_partners(one, other)[0]
+        yield "individual", posed, other.posed(2), _errors(surface_distances(other), truth)
+        distances = surface_distances(one)
+        part, kept = part_of(whole, 0.1 + 0.1 * (number % 5), number)
+        yield "part and whole", part, posed, _errors(distances, kept)
+        there = np.full(len(posed.vertices), -1)
+        there[kept] = np.arange(len(kept))
+        yield "whole and part", posed, part, _errors_on_part(distances, kept, there)
+
+
+def _errors(distances: Floats, truth: Ints) -> Truth:
+    return lambda found: distances[found, truth]
+
+
+def _errors_on_part(distances: Floats, kept: Ints, there: Ints) -> Truth:
+    everywhere = np.arange(len(there))
+    return lambda found: np.where(there < 0, np.inf, distances[kept[found], everywhere])
+
+
+@lru_cache(maxsize=8)
+def _embedded(mesh: Mesh) -> Embedding:
+    return PIPELINE.embed(mesh)
+
+
+def judged(first: Mesh, second: Mesh, truth: Truth) -> tuple[Floats, Floats, Floats]:
+    """Return confidence, features and whether the partner is right, of some vertices of the first mesh."""
+    found = PIPELINE.surface_map(first, second, (_embedded(first), _embedded(second)))
+    surface, (ours, theirs) = found.surfaces[0], found.rows
+    way = found.correspondences()[0]
+    agreements = agreement(ours, theirs[found.partners[0].vertices])[surface.nearest]
+    errors = truth(way.vertices)
+    chosen = np.random.default_rng(0).permutation(np.flatnonzero(~np.isnan(errors)))[:DRAWN]
+    right = (errors <= NEAR_TRUTH).astype(np.float64)
+    # Rigid copies, symmetric shapes and places without a partner are judged otherwise.
+    of_map = way.partnered & (way.displacement is None and way.maps == 1)
+    costs = np.full(len(agreements), found.cost)
+    return (
+        way.confidence[chosen].astype(np.float64),
+        np.where(of_map[:, None], np.column_stack([agreements, costs]), np.nan)[chosen],
+        right[chosen],
+    )
+
+
+def diagram(kind: str, confidence: Floats, right: Floats) -> list[dict[str, Any]]:
+    """Return a row for each tenth of confidence that has vertices."""
+    tenth = np.clip(np.digitize(confidence, BINS) - 1, 0, 9)
+    return [
+        {
+            "kind": kind,
+            "from": BINS[each],
+            "vertices": int((tenth == each).sum()),
+            "confidence": confidence[tenth == each].mean(),
+            "right": right[tenth == each].mean(),
+        }
+        for each in np.unique(tenth)
+    ]
+
+
+def known_pairs(collection: Path, limit: int) -> Iterator[Pair]:
+    """Yield pairs of one class of a collection, with errors at vertices of the template; NaN elsewhere."""
+    files = read_truth(collection)
+    same, _ = drawn_pairs([str(f.label) for f in files], [str(f.template) for f in files], limit, 0)
+    for i, j in same:
+        known = []
+        for file in (files[i], files[j]):
+            truth = np.loadtxt(file.path.with_suffix(".vts"), dtype=np.int64, ndmin=1)[None] - 1
+            mesh = read_mesh(file.path.read_bytes(), format_of(file.path.name))
+            known.append(known_mesh(mesh, truth[:, measured_vertices(truth.shape[1], 0)], PIPELINE))
+        first, second = known
+        yield collection.name, first.mesh, second.mesh, _errors_at(first.truth[0], second.distances[0])
+
+
+def _errors_at(vertices: Ints, distances: Floats) -> Truth:
+    def errors(found: Ints) -> Floats:
+        told = np.full(len(found), np.nan)
+        told[vertices] = distances[np.arange(len(vertices)), found[vertices]]
+        return told
+
+    return errors
+
+
+def fitted(features: Floats, right: Floats) -> Floats:
+    """Return the coefficients of a logistic regression, the intercept first (maximum likelihood)."""
+    design = np.column_stack([np.ones(len(right)), features])
+
+    def loss(weights: Floats) -> float:
+        scores = design @ weights
+        return float((np.logaddexp(0.0, scores) - right * scores).mean())
+
+    return np.asarray(minimize(loss, np.zeros(design.shape[1]), method="Powell").x)
+
+
+def main(folder: Path, limit: int, vertices: int, tosca: Path | None) -> bool:
+    """Measure, and write both tables."""
+    found: dict[str, list[tuple[Floats, Floats, Floats]]] = {}
+    pairs = made_pairs(limit, vertices)
+    for kind, first, second, truth in pairs if tosca is None else chain(pairs, known_pairs(tosca, limit)):
+        found.setdefault(kind, []).append(judged(first, second, truth))
+    tables = {
+        kind: [np.concatenate(column) for column in zip(*each, strict=True)] for kind, each in found.items()
+    }
+    confidence, features, right = (np.concatenate(column) for column in zip(*tables.values(), strict=True))
+    rows = [row for kind, (sure, _, known) in tables.items() for row in diagram(kind, sure, known)]
+    together = diagram("all", confidence, right)
+    write(folder / "confidence.csv", rows + together)
+    of_map = np.isfinite(features).all(axis=1)
+    names = "intercept", "agreement", "cost"
+    write(folder / "fit.csv", [dict(zip(names, fitted(features[of_map], right[of_map]), strict=True))])
+    off = np.average(
+        [abs(row["confidence"] - row["right"]) for row in together],
+        weights=[row["vertices"] for row in together],
+    )
+    print(f"confidence and share differ by {off:.3f} in the mean")
+    return bool(off <= MOST)
+
+
+if __name__ == "__main__":
+    run(main, __doc__, limit=len(CLASSES), vertices=1500, tosca=Path)
