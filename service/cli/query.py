@@ -1,5 +1,7 @@
 """`isoshape query`: the stored shapes most similar to a file."""
 
+import csv
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -7,8 +9,10 @@ import typer
 
 from service.cli.model_options import with_options
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import Client
-from service.console import output, progress, say, table
+from service.client import Client, ProblemError
+from service.console import fail, output, progress, say, table
+from service.datasets import find_meshes
+from service.duplicates.schemas import without_formula
 from service.search.schemas import (
     CC_OF_PAIRS,
     QueryAnswer,
@@ -21,15 +25,22 @@ from service.shapes.schemas import box_in_words, in_unit, number_in_words
 if TYPE_CHECKING:
     from rich.console import Console
 
+COLUMNS = ("file", "rank", "id", "name", "likeness", "cc", "ssd", "sim", "combined", "scale")
+
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {name: {"__all__": {"correspondence"}} for name in ("results", "parts")}
 
 
 @with_options(SearchOptions, without={"correspondences", "embedding"}, rank_by="combined")
 def query_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A mesh file.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A mesh file or, with --csv, a folder of them.")
+    ],
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print the answer of the service as JSON.")] = False,
+    as_csv: Annotated[
+        bool, typer.Option("--csv", help="Print a row for each result, of each file of a folder.")
+    ] = False,
     html: Annotated[
         Path | None,
         typer.Option(help="Also write a page with pictures of corresponding points to this file."),
@@ -40,6 +51,12 @@ def query_command(
     options: dict[str, Any],
 ) -> None:
     """Find the stored shapes most similar to a mesh file."""
+    if as_csv:
+        if as_json or html is not None:
+            fail("--csv takes neither --json nor --html", status=2)
+        with service_at(url, key, collection) as client:
+            _print_rows(client, file, options)
+        return
     mesh = (file.name, file.read_bytes())
     with service_at(url, key, collection) as client:
         answer = client.query_file(mesh, **options, correspondences=html is not None)
@@ -56,6 +73,29 @@ def query_command(
         if answer.results:
             say(CC_OF_PAIRS)
         say(f"{compared}; sorted by {answer.ranked_by.replace('_', ' ')}; milliseconds: {times}")
+
+
+def _print_rows(client: Client, path: Path, options: dict[str, Any]) -> None:
+    """Print the results of a file, or of all meshes of a folder, as CSV, and tell of unusable files."""
+    refused = 0
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    rows.writerow(COLUMNS)
+    files = find_meshes([path]).files
+    for file in files:
+        try:
+            answer = client.query_file((file.path.name, file.path.read_bytes()), **options)
+        except ProblemError as error:
+            refused += 1
+            say(f"{file.path}: {error}")
+            continue
+        for result in answer.results:
+            names = file.path, result.rank, result.shape.id, result.shape.name, result.likeness
+            scores = result.cc, result.ssd, result.sim, result.combined, result.scale
+            rows.writerow([without_formula(str(cell)) for cell in names] + [*scores])
+        sys.stdout.flush()
+    say(f"{len(files) - refused} of {len(files)} files queried")
+    if refused:
+        raise typer.Exit(1)
 
 
 def write_report(

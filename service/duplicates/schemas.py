@@ -27,6 +27,11 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
 
 
+def without_formula(text: str) -> str:
+    """Return a text with an apostrophe before it if a spreadsheet would take it for a formula."""
+    return f"'{text}" if text.startswith(FORMULA) else text
+
+
 class Duplicate(BaseModel):
     """A shape of a group. The first shape is the oldest; the fields describe a shape relative to it."""
 
@@ -78,7 +83,7 @@ class DuplicatesAnswer(BaseModel):
         for number, group in enumerate(self.groups, 1):
             for duplicate in group:
                 shape, scale = duplicate.shape, f"{duplicate.scale:.6g}"
-                name = f"'{shape.name}" if shape.name.startswith(FORMULA) else shape.name
+                name = without_formula(shape.name)
                 text = "" if duplicate.difference is None else duplicate.difference.text
                 cells = duplicate.likeness, scale, duplicate.cc, duplicate.residual
                 rows.writerow(

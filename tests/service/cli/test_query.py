@@ -1,6 +1,8 @@
 """`isoshape query`, and which service a command talks to."""
 
+import csv
 import hashlib
+import io
 import json
 import re
 from pathlib import Path
@@ -184,3 +186,20 @@ def test_bad_settings_are_named(
     assert done.status == 2
     assert f"ISOSHAPE_{name}" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_folder_is_queried_file_by_file(archive: Client, cup: Path, run: Run, tmp_path: Path) -> None:
+    stored = archive.upload(cup, name="=cup").shape
+    folder = tmp_path / "folder"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "one.off").write_bytes(cup.read_bytes())
+    (folder / "deep" / "two.off").write_bytes(mesh_bytes("octopus", 0))
+    (folder / "bad.off").write_bytes(b"no mesh")
+    done = run("query", folder, "--csv", "--top-k", "1", "--url", archive.url)
+    assert (done.status, "2 of 3 files queried" in done.stderr, "bad.off: " in done.stderr) == (1, True, True)
+    rows = {Path(row["file"]).name: row for row in csv.DictReader(io.StringIO(done.stdout))}
+    assert set(rows) == {"one.off", "two.off"}
+    assert (rows["one.off"]["id"], rows["one.off"]["name"]) == (stored.id, "'=cup")
+    assert (rows["one.off"]["likeness"], float(rows["one.off"]["cc"])) == ("same", pytest.approx(1.0))
+    assert float(rows["two.off"]["cc"]) < 0.999
+    assert run("query", folder, "--csv", "--json", "--url", archive.url).status == 2
