@@ -20,8 +20,8 @@ def mcp_command(
 ) -> None:
     """Offer the archive to programs over MCP.
 
-    A program that speaks the Model Context Protocol starts this command, and talks with it over standard input
-    and output. The tools only read unless --write is given.
+    A program that speaks the Model Context Protocol starts this command, and talks with it over standard
+    input and output. The tools only read unless --write is given.
     """
     if find_spec("mcp") is None:
         fail("this needs a package: pip install 'isoshape[mcp]'")
