@@ -29,6 +29,7 @@ from tests.service.tasks import (
     hang_second,
     meet,
     nap,
+    pid_at_meeting,
     raise_oddly,
     refuse,
     return_a_lock,
@@ -251,12 +252,6 @@ def test_a_process_that_is_started_ahead_has_no_more_time_than_another(tmp_path:
         time.sleep(6)
         assert pool.submit(add, 1, 1).result(timeout=60) == 2
         wait_until(lambda: pool.pids() not in ([], [first]), seconds=5)
-
-
-def pid_at_meeting(mine: str, other: str) -> int:
-    """Wait for another task and return the process id: tasks that meet are in slots of their own."""
-    meet(mine, other)
-    return os.getpid()
 
 
 def pids_of_all(pool: LocalPool, slots: int, folder: Path) -> set[int]:
