@@ -99,7 +99,7 @@ def fill(url: str, source: Sequence[Original], count: int) -> list[str]:
                         embedding = shaken(embedding, number, other)
                     file = NewFile(number.to_bytes(8, "big"), "off")
                     embedded = ready_to_store(embedding, BOXES, {})
-                    blob = file_repository.add_blob(session, file)
+                    blob = file_repository.add_blob(session, file.data, file.sha256)
                     file_repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, embedded)
                     ids.append(str(uuid4()))
                     name = f"{label} {number}"

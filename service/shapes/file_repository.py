@@ -11,7 +11,7 @@ from service.collection import CollectionNumber
 from service.compute.tasks import Embedded
 from service.errors import NotEmbeddedError, ShapeNotFoundError, SignatureLengthError
 from service.index.repository import OF_SHAPE
-from service.shapes.records import FileKey, NewFile
+from service.shapes.records import FileKey
 from service.storage.checksums import checksum_of, is_whole
 from service.storage.database import ReadSession, WriteSession
 from service.storage.in_place import stored_bytes
@@ -110,10 +110,10 @@ def blob_number(session: ReadSession, sha256: str) -> int | None:
     return session.scalar(select(BlobRow.number).where(BlobRow.sha256 == sha256))
 
 
-def add_blob(session: WriteSession, file: NewFile) -> int:
+def add_blob(session: WriteSession, data: bytes, sha256: str, *, in_place: bool = False) -> int:
     """Store a new blob, without its bytes if they stay in a source; its number."""
-    data = None if file.in_place else file.data
-    return int(session.insert(BlobRow, {"sha256": file.sha256, "size": len(file.data), "data": data}))
+    kept = None if in_place else data
+    return int(session.insert(BlobRow, {"sha256": sha256, "size": len(data), "data": kept}))
 
 
 def keep_bytes(session: WriteSession, number: int, data: bytes) -> None:

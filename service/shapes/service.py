@@ -457,7 +457,7 @@ def _put_file(
     if embedded is None and not is_embedded:
         raise EmbeddingMissingError
     if blob_number is None:
-        blob_number = file_repository.add_blob(session, file)
+        blob_number = file_repository.add_blob(session, file.data, file.sha256, in_place=file.in_place)
     elif not file.in_place:
         file_repository.keep_bytes(session, blob_number, file.data)
     if embedded is None:

@@ -38,7 +38,7 @@ def make_archive(path: Path, *numbers: int) -> Path:
         )
         made = embedded(number)
         with database.write() as session:
-            blob = file_repository.add_blob(session, new)
+            blob = file_repository.add_blob(session, new.data, new.sha256)
             file_repository.add_embedding(session, blob, new.format, DEFAULT.fingerprint, made)
             repository.add_shape(session, blob, new, made.facts)
     database.close()
