@@ -29,6 +29,7 @@ from tests.service.tasks import (
     hang_second,
     meet,
     nap,
+    nap_instead,
     pid_at_meeting,
     raise_oddly,
     refuse,
@@ -311,7 +312,7 @@ def test_shutdown_finishes_what_was_begun_and_cancels_what_was_not() -> None:
 
 def test_shutdown_does_not_wait_for_a_worker_that_is_warming_up() -> None:
     others = children()
-    pool = LocalPool(1, seconds=5, warm=_never_warm)
+    pool = LocalPool(1, seconds=5, warm=nap_instead)
     waiting = pool.submit(add, 1, 1)
     wait_until(lambda: children() - others, seconds=10)
     start = time.monotonic()
@@ -354,10 +355,6 @@ def test_a_fork_server_that_stands_still_is_replaced(monkeypatch: pytest.MonkeyP
                 pool.submit(die).result(timeout=60)
             assert pool.submit(os.getpid).result(timeout=60) != worker
     assert not processes.is_stopped(fork_server)
-
-
-def _never_warm() -> None:
-    time.sleep(600)
 
 
 def test_a_process_that_takes_no_call_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
