@@ -106,8 +106,24 @@ class RequestBody(Generic[Model]):
         """The operation's part of the OpenAPI document, as `openapi_extra`."""
         content = {FORM: {"schema": self._form.model_json_schema(schema_generator=_FormSchema)}}
         if self._json is not None:
-            content[JSON] = {"schema": self._json.model_json_schema()}
+            content[JSON] = {"schema": _inlined(self._json.model_json_schema())}
         return {"requestBody": {"required": True, "content": content}}
+
+
+def _inlined(schema: dict[str, Any]) -> Any:  # noqa: ANN401
+    """Return a JSON schema with its definitions in the place of references, which lead nowhere elsewhere."""
+    definitions = schema.pop("$defs", {})
+
+    def inlined(value: Any) -> Any:  # noqa: ANN401
+        if isinstance(value, dict):
+            reference = value.get("$ref", "").removeprefix("#/$defs/")
+            inner = definitions.get(reference, {}) | {
+                name: each for name, each in value.items() if name != "$ref"
+            }
+            return {name: inlined(each) for name, each in (inner if reference else value).items()}
+        return [inlined(each) for each in value] if isinstance(value, list) else value
+
+    return inlined(schema)
 
 
 class _FormSchema(GenerateJsonSchema):
