@@ -46,7 +46,7 @@ def compare_command(
     key: Key = None,
     collection: Collection = None,
 ) -> None:
-    """Compare two shapes, vertex by vertex with --out, landmark by landmark with --landmarks."""
+    """Compare two shapes, vertex by vertex with --out."""
     if picture and out is None:
         fail("--picture writes beside the arrays: give --out FILE.npz", status=2)
     pair = _shape(first), _shape(second)
