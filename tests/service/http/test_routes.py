@@ -32,7 +32,7 @@ OPEN = {
     ("GET", "/openapi.json"),
 }
 # Beside GET and HEAD. Any other method changes something.
-READING = {("POST", "/query"), ("POST", "/compare"), ("POST", "/preview"), ("POST", "/session")}
+READING = {("POST", path) for path in ("/query", "/query/batch", "/compare", "/preview", "/session")}
 
 DOCUMENTED = {
     (method.upper(), path): operation
