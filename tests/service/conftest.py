@@ -5,12 +5,15 @@ from contextlib import ExitStack
 
 import pytest
 
+from service.observability import logging
 from tests.service import engines
 from tests.service.support import Running, serving, settings_in
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _stopped_at_the_end() -> Iterator[None]:
+    # The log of all services is that of the whole run, not of the test that starts the first one.
+    logging.configure("warning")
     yield
     engines.stop()
 

@@ -10,6 +10,7 @@ const WORDS = {
   scaled: "Same part",
   mirrored: "Mirror image",
   variant: "Variant",
+  part_of: "Part of",
   pose: "Another pose",
   similar: "Similar",
   weak: "Weak",

@@ -26,6 +26,7 @@ RESULT = {
     "scale",
     "transform",
     "part_distance",
+    "instances",
     "shape",
     "correspondence",
 }
@@ -46,7 +47,7 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
     assert answer.status_code == 200, answer.text
     body = answer.json()
     names = {"results", "matched", "ranked_by", "compared", "stored", "pipeline", "milliseconds", "query"}
-    assert set(body) == {*names, "warnings", "embedding"}
+    assert set(body) == {*names, "parts", "warnings", "embedding"}
     assert body["embedding"] is None
     assert (body["compared"], body["stored"]) == (8, 8)
     assert body["pipeline"] == stocked.client.get("/version").json()["fingerprint"]
@@ -60,7 +61,16 @@ def test_an_answer_has_the_names_that_scripts_rely_on(stocked: Running) -> None:
         assert result["correspondence"] is None
         assert stocked.client.get(f"/shapes/{result['shape']['id']}").json() == result["shape"]
     stages = body["milliseconds"]
-    assert set(stages) == {"read", "embed", "shortlist", "compare", "results", "likeness", "total"}
+    assert set(stages) == {
+        "read",
+        "embed",
+        "shortlist",
+        "compare",
+        "results",
+        "likeness",
+        "instances",
+        "total",
+    }
     assert all(value >= 0 for value in stages.values())
     assert sum(stages.values()) - stages["total"] <= stages["total"] + 0.01
 
@@ -85,7 +95,8 @@ def test_a_query_by_id_is_the_query_by_its_file(stocked: Running) -> None:
     by_file = query(stocked.client, small_file(4), top_k=8).json()
     assert by_id["results"] == by_file["results"]
     assert by_id["results"][0]["shape"] == shape
-    assert set(by_id["milliseconds"]) == {"read", "shortlist", "compare", "results", "likeness", "total"}
+    stages = {"read", "shortlist", "compare", "results", "likeness", "instances", "total"}
+    assert set(by_id["milliseconds"]) == stages
 
 
 @pytest.mark.parametrize(
@@ -187,6 +198,7 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
     first, second = shapes["bird-first.off"]["id"], shapes["bird-second.off"]["id"]
     answer = stocked.client.post("/compare", json={"first": first, "second": second}).json()
     dense = {"vertices", "confidence", "length_ratio", "simplified", "first_difference", "second_difference"}
+    dense |= {"maps", "ambiguous", "transferred", "instances"}
     sparse = {
         "cc",
         "ssd",
