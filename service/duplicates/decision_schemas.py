@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
 from service.duplicates.records import Decision, DecisionRecord
@@ -154,9 +154,9 @@ class Rule(Reasoned, Filters):
         min_length=1,
         description="Only groups whose shapes all have one of these likenesses to the first.",
     )
-    max_residual: float | None = Field(default=None, gt=0.0)
-    scaled: bool = False
-    mirrored: bool = True
-    variants: bool = False
+    max_residual: float | None = Field(default=None, gt=0.0, strict=True)
+    scaled: StrictBool = False
+    mirrored: StrictBool = True
+    variants: StrictBool = False
     keep: Keep = Field(default="oldest", description="With merge: the shape of each group that stays.")
-    dry_run: bool = Field(default=True, description="Count the groups, and change nothing.")
+    dry_run: StrictBool = Field(default=True, description="Count the groups, and change nothing.")

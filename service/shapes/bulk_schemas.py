@@ -1,6 +1,6 @@
 """Changes to many shapes as JSON."""
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, StrictBool
 
 from service.collection import NAME
 from service.shapes.fields import Metadata, Tags
@@ -22,7 +22,7 @@ class BulkChange(Filters):
         description="Move the shapes, which keep their ids, to this collection. The key must allow both.",
         json_schema_extra={"pattern": f"^{NAME}$"},
     )
-    dry_run: bool = Field(default=True, description="Count the shapes, and change nothing.")
+    dry_run: StrictBool = Field(default=True, description="Count the shapes, and change nothing.")
 
 
 class Refused(BaseModel):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from service.http.problem_document import Cause
 from service.shapes.fields import Tags, clean_name, storable_text
@@ -60,7 +60,7 @@ class NewSource(BaseModel):
         default=None, description="Its name in lists; the name of the folder by default."
     )
     tags: Tags = Field(default=[], description="Tags of every shape that the source stores.")
-    copies: bool = Field(
+    copies: StrictBool = Field(
         default=False, description="Store the bytes in the archive too, as those of an upload."
     )
 

@@ -54,8 +54,10 @@ export async function showResults(asked, answer, count, isNew) {
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
   const warnings = byId("results-warnings", HTMLElement);
-  warnings.hidden = answer.warnings.length === 0;
-  warnings.textContent = answer.warnings.map(sentence).join(" ");
+  // The summary names the order.
+  const others = answer.warnings.filter((warning) => !warning.startsWith("the order is that of combined"));
+  warnings.hidden = others.length === 0;
+  warnings.textContent = others.map(sentence).join(" ");
   const first = card(asked.name, ["Query", sizes(answer.query)], null);
   byId("legend-text", HTMLElement).textContent = results.length === 0 ? ""
     : `Each result shows its difference from the query; the query shows its difference from ${results[0].shape.name}.`;

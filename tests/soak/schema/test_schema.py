@@ -36,9 +36,13 @@ EXCLUDED = re.compile(
 """Formats and colours of a comparison that only a dense correspondence, or only stored shapes, can have; and
 cursors of another order."""
 
-# Text that people write follows rules that a schema does not tell: see `service.shapes.fields`. Points lie on
-# a surface.
-WRITTEN = {"q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"}
+# Text that people write follows rules that a schema does not tell: see `service.shapes.fields`. Ids that
+# differ in blanks are one. Points lie on a surface.
+WRITTEN = {
+    *("q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"),
+    *("shapes", "keep", "decided_by", "reason"),
+    *("add_tags", "remove_tags", "set_metadata", "remove_metadata", "collection", "path"),
+}
 # In it everything is text: any may be a tag, and true is written in many ways.
 FORM = "multipart/form-data"
 QUIET = settings(
@@ -75,6 +79,9 @@ def _schema() -> schemathesis.BaseSchema:
     # As 404 and 409 do, it tells of what is stored: no request is wrong by itself that has another ETag.
     accepted = schema.config.checks.positive_data_acceptance
     accepted.expected_statuses = [*accepted.expected_statuses, "412"]
+    # Too large a body is refused before it is read.
+    rejected = schema.config.checks.negative_data_rejection
+    rejected.expected_statuses = [*rejected.expected_statuses, "413"]
     return schema
 
 
@@ -132,8 +139,8 @@ def _breaks_a_pattern(case: Case) -> bool:
 
 def _beyond_words(problem: dict[str, Any]) -> bool:
     """Whether a request was refused for text that people write, ranges among it, a key of another request, or
-    two fields that exclude one another."""
-    if problem["type"] == f"{TYPE_PREFIX}idempotency-key-reused":
+    two fields that exclude one another, or a folder of the machine."""
+    if problem["type"] in {f"{TYPE_PREFIX}idempotency-key-reused", f"{TYPE_PREFIX}source-refused"}:
         return True
     if EXCLUDED.search(problem["detail"]):
         return True
