@@ -24,7 +24,7 @@ def opened(visit: Visit, shape: dict) -> Page:
 
 def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> None:
     shape = service.store(made("fish", 4), "fish-4.ply", tags="fish,new", metadata=METADATA)
-    card = visit.open("browse", name="fish-4").locator("#gallery li")
+    card = visit.open("browse", q="fish-4").locator("#gallery li")
     expect(card.locator(".about")).to_contain_text(
         '· source: scan · year: 2024 · code: 007 · deep: {"a":[1,null]}'
     )
