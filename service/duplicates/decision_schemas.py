@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
 from service.duplicates.records import Decision, DecisionRecord
-from service.shapes.fields import clean_id, clean_text
+from service.shapes.fields import Tags, clean_id, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
 
 MOST_SHAPES = 100
@@ -148,6 +148,7 @@ class Rule(Reasoned, Filters):
         json_schema_extra={"example": {"action": "merge", "likeness": ["same"], "dry_run": True}},
     )
 
+    tag: Tags = Field(default=[], description="Only shapes with all these tags.")
     action: Decision | Literal["merge"]
     likeness: list[Copy] = Field(
         default=["same"],

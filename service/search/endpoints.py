@@ -30,7 +30,7 @@ from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, Query
 from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
 from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import MeshUpload, ShapeId
-from service.shapes.fields import clean_id
+from service.shapes.fields import Tags, clean_id
 from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
@@ -62,6 +62,7 @@ class BatchQuery(SearchOptions):
 
     model_config = ConfigDict(json_schema_extra={"example": {"shape_ids": [SHAPE["id"]], "top_k": 3}})
 
+    tag: Tags = Field(default=[], description="Only shapes with all these tags.")
     shape_ids: list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]] = Field(
         min_length=1, max_length=BATCH, description="The ids of the shapes to search with."
     )

@@ -13,6 +13,7 @@ REFUSED = 100
 class BulkChange(Filters):
     """The filter of the shapes to change, and the changes."""
 
+    tag: Tags = Field(default=[], description="Only shapes with all these tags.")
     add_tags: Tags = Field(default=[])
     remove_tags: Tags = Field(default=[])
     set_metadata: Metadata = Field(default={}, description="Entries that the metadata get, or get anew.")
