@@ -155,7 +155,6 @@ class Rule(Reasoned, Filters):
         min_length=1,
         description="Only groups whose shapes all have one of these likenesses to the first.",
     )
-    max_residual: float | None = Field(default=None, gt=0.0, strict=True)
     scaled: StrictBool = False
     mirrored: StrictBool = True
     variants: StrictBool = False

@@ -5,7 +5,6 @@ from datetime import timedelta
 from itertools import combinations
 from typing import Any
 
-from core.registration.similarity import RESIDUAL
 from service.collection import CollectionNumber
 from service.container import Container
 from service.duplicates import decision_repository, service
@@ -146,10 +145,7 @@ async def apply_rule(
     active_pipeline: ActivePipeline,
 ) -> Decided:
     """Decide or merge all groups that meet a rule, in one transaction; a dry run counts them."""
-    if rule.max_residual is not None and rule.max_residual > RESIDUAL:
-        raise BadRequestFieldsError(FieldFault("max_residual", f"must be at most {RESIDUAL}"))
-    max_residual = RESIDUAL if rule.max_residual is None else rule.max_residual
-    bounds = Search(active_pipeline.fingerprint, rule.variants, max_residual)
+    bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
     wanted = rule.filtered(collection)
     answer = await service.find(container, wanted, bounds, counted, active_pipeline, Timings())

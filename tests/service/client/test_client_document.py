@@ -40,7 +40,7 @@ SEARCH = {
     "embedding": True,
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
-RULE = Rule(action="merge", decided_by="a", max_residual=0.01, q="w", name="x", **SIZES)
+RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
 BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [

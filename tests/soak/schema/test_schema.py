@@ -37,11 +37,10 @@ EXCLUDED = re.compile(
 cursors of another order."""
 
 # Text that people write follows rules that a schema does not tell: see `service.shapes.fields`. Ids that
-# differ in blanks are one. Points lie on a surface. The largest residual is that of registration, which
-# clients do not load.
+# differ in blanks are one. Points lie on a surface.
 WRITTEN = {
     *("q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"),
-    *("shapes", "keep", "decided_by", "reason", "max_residual"),
+    *("shapes", "keep", "decided_by", "reason"),
     *("add_tags", "remove_tags", "set_metadata", "remove_metadata", "collection", "path"),
 }
 # In it everything is text: any may be a tag, and true is written in many ways.
