@@ -198,7 +198,7 @@ def distances_between(surface: WorkingSurface, points: Floats) -> tuple[Floats, 
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """What is to be transferred from the first mesh, of n vertices, to the second.
+    """Points, curves and values to transfer from the first mesh, of n vertices, to the second.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Transferred:
-    """What has been transferred to the second mesh, of m vertices.
+    """Points, curves and values on the second mesh, of m vertices, after a transfer.
 
     Attributes
     ----------

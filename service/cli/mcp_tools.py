@@ -18,7 +18,7 @@ INSTRUCTIONS = (
 )
 
 Written = dict[str, Any]
-"""What a tool answers."""
+"""The answer of a tool."""
 
 
 def server_of(client: Client, *, write: bool) -> FastMCP[Any]:

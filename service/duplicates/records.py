@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Literal
 
 Decision = Literal["same", "variant", "different", "ignore"]
-"""What a person says of two near-identical shapes."""
+"""The decision of a person on two near-identical shapes."""
 
 Pair = tuple[str, str]
 """The SHA-256 of two files, the lesser first."""

@@ -165,7 +165,7 @@ async def query_batch(
 
 
 class SuggestionsOptions(NamedInAddress):
-    """What to suggest."""
+    """The least share of a suggestion."""
 
     least_share: float = Field(
         default=LEAST_SHARE,

@@ -25,7 +25,7 @@ class Suggestion(BaseModel):
 
 
 class Suggestions(BaseModel):
-    """What the neighbours of a shape suggest for it."""
+    """Tags and metadata that the neighbours of a shape suggest for it."""
 
     model_config = ConfigDict(
         json_schema_extra={

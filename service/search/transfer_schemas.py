@@ -31,7 +31,7 @@ class Landmark(BaseModel):
 
 
 class Transfer(BaseModel):
-    """What to transfer from the first shape to the second."""
+    """Points, curves and values to transfer from the first shape to the second."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -106,7 +106,7 @@ class Distances(BaseModel):
 
 
 class TransferAnswer(BaseModel):
-    """What has been transferred to the second shape, and measured on both."""
+    """Transferred points, curves and values on the second shape, and distances on both."""
 
     points: list[TransferredPoint]
     curves: list[TransferredCurve]

@@ -33,7 +33,7 @@ def real_folder(path: str, allowed: Sequence[str]) -> Path:
     if not os.path.isabs(path):
         raise SourceRefusedError(f"{path!r} is not an absolute path")
     real = Path(os.path.realpath(path))
-    # Of a folder outside it is not even told whether it exists.
+    # The error does not tell whether a folder outside exists.
     if not any(real.is_relative_to(os.path.realpath(root)) for root in allowed):
         raise SourceRefusedError(
             f"{path!r} is in none of the folders of ISOSHAPE_SOURCE_ROOTS; on the machine of the service, "

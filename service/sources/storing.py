@@ -208,7 +208,7 @@ class FileStorer:
     ) -> None:
         repository.require(session, self._source.number)
         if known is not None and known.shape_number != values["shape_number"]:
-            # What its path had is deleted, unless another path has it.
+            # The shape of the path is deleted, unless another path has it.
             for record in repository.lone_shapes(session, [known.number]):
                 shapes_service.delete(
                     session, self._collection, record.id, self._container.settings.undo_time

@@ -45,7 +45,7 @@ def file_system(mounts: list[str], root: str) -> str:
         if len(fields) < 5 or not types:
             continue
         point = _unescaped(fields[4])
-        # Of several mounts at one point, the last hides the others.
+        # The last of several mounts at one point hides the others.
         if Path(root).is_relative_to(point) and len(point) >= longest:
             longest, kind = len(point), types[0]
     return kind
