@@ -20,8 +20,6 @@ from service.shapes.schemas import read_cursor
 
 router = APIRouter(tags=["search"])
 
-BODY_PROBLEMS = ("bad-request", "body-too-large", *WRITE_PROBLEMS)
-
 DecisionId = Annotated[
     str, AfterValidator(clean_id), Path(description="The id of a decision.", max_length=64)
 ]
@@ -36,7 +34,7 @@ def _who(request: Request, named: str | None) -> str | None:
     "/duplicates/decisions",
     status_code=201,
     summary="Decide near-identical shapes",
-    responses=documented("shape-not-found", *BODY_PROBLEMS),
+    responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
 def decide(wanted: GroupDecision, request: Request, container: Service, collection: InCollection) -> Decided:
     """Store what every pair of some shapes is. GET /duplicates does not show these pairs again.
@@ -78,7 +76,7 @@ def delete_decision(decision_id: DecisionId, container: Service, collection: InC
 @router.post(
     "/duplicates/merge",
     summary="Merge shapes",
-    responses=documented("shape-not-found", *BODY_PROBLEMS),
+    responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
 def merge(wanted: Merge, container: Service, collection: InCollection) -> MergedShape:
     """Give one shape the tags and metadata of all, and delete the others, which can be restored.
@@ -94,7 +92,7 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
     "/duplicates/rule",
     summary="Decide or merge by a rule",
     responses=documented(
-        *BODY_PROBLEMS,
+        *WRITE_PROBLEMS,
         *(
             "busy",
             "shutting-down",

@@ -11,7 +11,7 @@ from service.auth.gate import SAFE_METHODS, needed
 from service.auth.keys import COOKIE
 from service.errors import PROBLEMS
 from service.http.problem_document import MEDIA_TYPE, Problem
-from service.http.problems import documented
+from service.http.problems import BODY_PROBLEMS, documented
 
 DESCRIPTION = """\
 Upload meshes, then search for the stored shapes most similar to another mesh. The service compares distances
@@ -90,7 +90,7 @@ def describe(app: FastAPI, refusals: Mapping[str, Sequence[str]]) -> None:
                 for method, operation in operations.items():
                     _say_who_may_ask(method.upper(), path, operation)
                     if "requestBody" in operation:
-                        _add_problems(operation, ("request-timeout", "busy", "storage-full"))
+                        _add_problems(operation, BODY_PROBLEMS)
                     for parameter in operation.get("parameters", []):
                         _add_problems(operation, refusals.get(parameter["name"], ()))
             link(schema["paths"])

@@ -18,10 +18,13 @@ from service.observability.metrics import METHODS
 
 KIND_IN_SCOPE = "isoshape.problem"
 
-# The kinds of problem that operations answer, for the OpenAPI document.
+# The kinds of problem that operations answer, for the OpenAPI document; those of bodies, all that have one.
 WORKER_PROBLEMS = ("busy", "shutting-down", "worker-lost", "cluster-unavailable", "file-time-limit")
+BODY_PROBLEMS = (
+    *("bad-request", "bad-request-fields", "body-too-large", "request-timeout", "busy", "storage-full"),
+)
 FILE_PROBLEMS = (
-    *("bad-request", "bad-request-fields", "body-too-large", "unsupported-media-type", "unknown-format"),
+    *("bad-request-fields", "unsupported-media-type", "unknown-format"),
     *("empty-file", "malformed-mesh", "non-finite-coordinates", "no-triangles", "degenerate-mesh"),
     *("cannot-be-embedded", "mesh-too-complex", "external-reference"),
     *WORKER_PROBLEMS,

@@ -116,9 +116,6 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
     response_description="The archive is stored durably, and the job waits for its turn; Location is its "
     "URL.",
     responses=documented(
-        "bad-request",
-        "bad-request-fields",
-        "body-too-large",
         "unsupported-media-type",
         "unknown-archive",
         "busy",

@@ -137,7 +137,7 @@ async def similar(
     "/query/batch",
     summary="Find shapes similar to each of several stored ones",
     response_description="The answers, in the order of the ids.",
-    responses=documented("bad-request", "body-too-large", *WORK_PROBLEMS),
+    responses=documented(*WORK_PROBLEMS),
 )
 async def query_batch(
     batch: BatchQuery, request: Request, container: Service, collection: InCollection

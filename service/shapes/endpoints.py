@@ -328,7 +328,7 @@ def read_shape(shape_id: ShapeId, container: Service, collection: InCollection) 
 @router.patch(
     "/shapes/{shape_id}",
     summary="Change a shape",
-    responses=documented("bad-request", "shape-not-found", "name-taken", "body-too-large", *WRITE_PROBLEMS),
+    responses=documented("shape-not-found", "name-taken", *WRITE_PROBLEMS),
 )
 def change_shape(
     shape_id: ShapeId, changes: ShapeChanges, request: Request, container: Service, collection: InCollection
@@ -346,9 +346,7 @@ def change_shape(
 @router.patch(
     "/shapes",
     summary="Change all shapes that pass a filter",
-    responses=documented(
-        *("bad-request", "body-too-large", "collection-not-found", "busy", "shutting-down"), *WRITE_PROBLEMS
-    ),
+    responses=documented("collection-not-found", "busy", "shutting-down", *WRITE_PROBLEMS),
 )
 async def change_shapes(
     wanted: BulkChange, request: Request, container: Service, collection: InCollection
@@ -405,7 +403,7 @@ def delete_shape(
     "/shapes/{shape_id}/restore",
     summary="Restore a deleted shape",
     responses=documented(
-        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}),
+        *FILE_PROBLEMS,
         "shape-not-found",
         "file-in-place",
         "name-taken",

@@ -45,7 +45,7 @@ log = get_logger("storage")
 
 POSTGRESQL_DISK_FULL = "53100"
 
-THREADS = 8
+THREADS = 4
 """The most threads at a time that read or write for light requests; more would wait for each other."""
 
 WORDS_AT_ONCE = 10_000
