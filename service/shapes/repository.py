@@ -123,13 +123,13 @@ def others_hold_shapes(session: ReadSession, collection: CollectionNumber) -> bo
 
 def page(
     session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
-) -> list[tuple[Position, ShapeRecord]]:
-    """Return the next `limit` shapes that match a filter, in an order, each after its position.
+) -> tuple[list[tuple[Position, ShapeRecord]], int]:
+    """Return the next `limit` shapes that match a filter, each after its position, and the number of all.
 
     The order by relevance needs a filter by words.
     """
     if sort == "relevance":
-        rows = _most_relevant(session, shapes, after, limit)
+        rows, total = _most_relevant(session, shapes, after, limit)
     else:
         number, name = ShapeRow.number, ShapeRow.folded_name
         order = (name, number) if sort == "name" else (number.desc() if sort == "newest" else number,)
@@ -139,28 +139,34 @@ def page(
         elif after is not None:
             query = query.where(number < after.number if sort == "newest" else number > after.number)
         rows = [Position(number, name if sort == "name" else None) for number, name in session.execute(query)]
+        total = count(session, shapes)
     positions = {position.number: position for position in rows}
     found = records(session, shapes.collection, list(positions))
-    return [(positions[record.number], record) for record in found]
+    return [(positions[record.number], record) for record in found], total
 
 
 def _most_relevant(
     session: ReadSession, shapes: ShapeFilter, after: Position | None, limit: int
-) -> list[Position]:
-    """Return the positions of the next shapes that have all words of a filter, the most relevant first."""
+) -> tuple[list[Position], int]:
+    """Return the positions of the next shapes that have all words of a filter, the most relevant first.
+
+    One statement counts them all too: to find them takes most of its time.
+    """
     found = relevances(shapes.words or "")
-    number, points = ShapeRow.number, found.c.points
-    query = (
+    every = (
         matching(replace(shapes, words=None))
-        .with_only_columns(number, points)
-        .join(found, found.c.shape_number == number)
-        .order_by(points.desc(), number)
-        .limit(limit)
+        .with_only_columns(ShapeRow.number, found.c.points, func.count().over().label("total"))
+        .join(found, found.c.shape_number == ShapeRow.number)
+        .subquery()
     )
+    number, points = every.c.number, every.c.points
+    query = select(number, points, every.c.total).order_by(points.desc(), number).limit(limit)
     if after is not None:
         less = points < after.points
         query = query.where(or_(less, and_(points == after.points, number > after.number)))
-    return [Position(number, points=int(points)) for number, points in session.execute(query)]
+    rows = session.execute(query).all()
+    total = rows[0].total if rows else count(session, shapes)
+    return [Position(row.number, points=int(row.points)) for row in rows], total
 
 
 def by_id(

@@ -213,13 +213,13 @@ def list_page(
     session: ReadSession, shapes: ShapeFilter, *, after: Position | None, limit: int, sort: Sort
 ) -> ShapePage:
     """Return one page of the shapes that match a filter, in an order."""
-    rows = repository.page(session, shapes, after=after, limit=limit + 1, sort=sort)
+    rows, total = repository.page(session, shapes, after=after, limit=limit + 1, sort=sort)
     next_cursor = None
     if len(rows) > limit:
         last, _ = rows[limit - 1]
         next_cursor = write_cursor(last.number, last.name, last.points)
     page = [Shape.of(record) for _, record in rows[:limit]]
-    return ShapePage(shapes=page, total=repository.count(session, shapes), next_cursor=next_cursor)
+    return ShapePage(shapes=page, total=total, next_cursor=next_cursor)
 
 
 def get(

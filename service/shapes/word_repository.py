@@ -104,7 +104,7 @@ def _of_term(term: Term, values: _Values) -> str:
 
 
 def _fitting(term: Term, values: _Values) -> str:
-    """Return a query of the words that count as a term, with their points; a word may occur several times."""
+    """Return a query of the words that count as a term, each with its most points."""
     word = term.word
     conditions = [(EXACT, f"word = {values.name(word)}")]
     if term.begins:
@@ -114,9 +114,11 @@ def _fitting(term: Term, values: _Values) -> str:
         conditions.append((INSIDE, f"word >= 'a' AND word LIKE {values.name(f'%{word}%')}"))
     if term.misspelt:
         conditions += [(NEAR, condition) for condition in _near(word, values)]
-    return " UNION ALL ".join(
+    fitting = " UNION ALL ".join(
         f"SELECT number, {points} AS points FROM words WHERE {condition}" for points, condition in conditions
     )
+    # A word that several conditions hold for has the rows of its shapes read once.
+    return f"SELECT number, max(points) AS points FROM ({fitting}) AS conditions GROUP BY number"
 
 
 def _near(word: str, values: _Values) -> list[str]:

@@ -11,7 +11,17 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import JSON, ForeignKey, Index, LargeBinary, String, Text, UniqueConstraint, text
+from sqlalchemy import (
+    JSON,
+    ForeignKey,
+    Index,
+    LargeBinary,
+    PrimaryKeyConstraint,
+    String,
+    Text,
+    UniqueConstraint,
+    text,
+)
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 from service.storage.checksums import LENGTH
@@ -152,14 +162,15 @@ class ShapeWordRow(Table):
     """
 
     __tablename__ = "shape_words"
-    __table_args__ = (Index("words_by_shape", "shape_number"), {"sqlite_with_rowid": False})
+    __table_args__ = (
+        # PostgreSQL would read the weights of the shapes of a word from many pages.
+        PrimaryKeyConstraint("word_number", "shape_number", postgresql_include=["weight"]),
+        Index("words_by_shape", "shape_number", "word_number", "weight"),
+        {"sqlite_with_rowid": False},
+    )
 
-    word_number: Mapped[int] = mapped_column(
-        ForeignKey("words.number"), primary_key=True, autoincrement=False
-    )
-    shape_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    word_number: Mapped[int] = mapped_column(ForeignKey("words.number"))
+    shape_number: Mapped[int] = mapped_column(ForeignKey("shapes.number", ondelete="CASCADE"))
     weight: Mapped[int]
 
 

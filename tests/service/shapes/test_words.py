@@ -49,10 +49,14 @@ def test_what_no_shape_has_finds_nothing(named: Database, wanted: str) -> None:
 def test_the_most_relevant_come_first_page_by_page(named: Database) -> None:
     shapes = ShapeFilter(DEFAULT_COLLECTION.number, words="boîte")
     with named.read() as session:
-        whole = repository.page(session, shapes, after=None, limit=500, sort="relevance")
-        assert len(whole) == repository.count(session, shapes) > 10
+        whole, total = repository.page(session, shapes, after=None, limit=500, sort="relevance")
+        assert len(whole) == total == repository.count(session, shapes) > 10
         paged, after = [], None
-        while page := repository.page(session, shapes, after=after, limit=7, sort="relevance"):
+        while True:
+            page, total = repository.page(session, shapes, after=after, limit=7, sort="relevance")
+            assert total == len(whole)
+            if not page:
+                break
             paged += page
             after, _ = page[-1]
     assert paged == whole
