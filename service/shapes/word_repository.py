@@ -66,11 +66,15 @@ def relevances(query: str) -> Subquery:
     """
     values = _Values()
     terms = terms_of(query)
-    required = sum(term.required for term in terms)
+    gathered = [term for term in terms if not term.is_exact]
+    required = sum(term.required for term in gathered)
     statement = f"""
         SELECT shape_number, sum(points) AS points
-        FROM ({" UNION ALL ".join(_of_term(term, values) for term in terms) or _NOTHING}) AS of_terms
+        FROM ({" UNION ALL ".join(_of_term(term, values) for term in gathered) or _NOTHING}) AS of_terms
         GROUP BY shape_number HAVING sum(required) = {required}"""
+    for term in terms:
+        if term.is_exact:
+            statement = _having(statement, term, values)
     columns = {"shape_number": Integer, "points": Integer}
     return text(statement).bindparams(**values).columns(**columns).subquery()
 
@@ -90,6 +94,19 @@ class _Values(dict[str, str]):
     def names(self, values: Iterable[str]) -> str:
         """Return the list of the parameters of values."""
         return ", ".join(map(self.name, values))
+
+
+def _having(shapes: str, term: Term, values: _Values) -> str:
+    """Return a query of those of some shapes that have an exact term, with its points added.
+
+    Single letters and numbers, as of sizes, are the words that most shapes have: they are looked up for the
+    shapes that the other terms leave. SQLite keeps the order of the tables of a CROSS JOIN.
+    """
+    return f"""
+        SELECT of_others.shape_number, of_others.points + {EXACT} * shape_words.weight AS points
+        FROM ({shapes}) AS of_others CROSS JOIN shape_words
+        WHERE shape_words.word_number = (SELECT number FROM words WHERE word = {values.name(term.word)})
+        AND shape_words.shape_number = of_others.shape_number"""
 
 
 def _of_term(term: Term, values: _Values) -> str:

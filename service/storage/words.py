@@ -120,6 +120,11 @@ class Term:
     begins: bool
 
     @property
+    def is_exact(self) -> bool:
+        """Whether only the word itself counts as the term."""
+        return not (self.begins or self.inside or self.misspelt)
+
+    @property
     def inside(self) -> bool:
         """Whether the term is long enough to be looked for within words."""
         return not self.numbered and (
