@@ -128,6 +128,12 @@ def claim(session: WriteSession, number: int, runner: str) -> SourceRow | None:
     return row
 
 
+def is_abandoned(source: SourceRow) -> bool:
+    """Return whether the service that began the scan of a source has died."""
+    until = source.leased_until
+    return source.state == "scanning" and until is not None and until <= datetime.now(UTC)
+
+
 def renew(session: WriteSession, number: int, runner: str, report: Mapping[str, Any]) -> None:
     """Renew the lease of a scan, and write its counts.
 

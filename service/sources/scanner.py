@@ -131,7 +131,11 @@ class Scanner:
             source
             for source in sources
             if source.number not in self._scans
-            and (source.requested or (self._watches and self._due.get(source.number, 0.0) <= now))
+            and (
+                source.requested
+                or repository.is_abandoned(source)
+                or (self._watches and self._due.get(source.number, 0.0) <= now)
+            )
         ]
 
     async def _wait(self) -> None:

@@ -23,6 +23,10 @@ METADATA = json.dumps({"part": 7, "drawn": True})
 LONG_TEXT = random.Random(0).randbytes(1_500_000)
 ARCHIVE = pack({"first.off": FIRST, "broken.off": FIRST[:500], "notes.txt": LONG_TEXT, "second.off": SECOND})
 
+MODELS = Path("models")
+"""The folder of a source, in the working folder: a file that is a shape, two equal ones and a broken one."""
+FILES = {"a.off": OLD, "b.off": SECOND, "inner/copy of b.off": SECOND, "inner/c.off": FIRST[:500]}
+
 KEPT, DELETED = "kept.off", "deleted.off"
 FIELDS = ("name", "tags", "metadata", "format", "bytes", "sha256", "embedded", "facts")
 
@@ -80,6 +84,10 @@ async def job(client: httpx.AsyncClient) -> httpx.Response:
     return await client.post("/jobs", files={"file": ("meshes.zip", ARCHIVE)}, data={"tags": ["job"]})
 
 
+async def scan(client: httpx.AsyncClient) -> httpx.Response:
+    return await client.post("/sources", json={"path": str(MODELS.resolve()), "name": "models"})
+
+
 CHANGES = (
     Change("first start"),
     Change("upload", upload),
@@ -88,6 +96,7 @@ CHANGES = (
     Change("permanent delete", erase),
     Change("restore", restore),
     Change("job", job),
+    Change("scan", scan),
     Change("isoshape backup", command=("backup", "{}/backups/nightly.sqlite3", "--force")),
     Change("isoshape recover", command=("recover", "{}/backups/weekly.sqlite3", "--force")),
 )
@@ -114,11 +123,15 @@ async def make_archive(client: httpx.AsyncClient, folder: Path) -> None:
 
 
 async def finished(client: httpx.AsyncClient, seconds: float) -> None:
-    """Wait until no job is unfinished, but no longer than some seconds."""
+    """Wait until no job and no scan is unfinished, but no longer than some seconds."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        answer = await client.get("/jobs")
-        if answer.status_code == 200 and all(each["ended_at"] for each in answer.json()["jobs"]):
+        jobs, sources = await client.get("/jobs"), await client.get("/sources")
+        if (
+            jobs.status_code == sources.status_code == 200
+            and all(each["ended_at"] for each in jobs.json()["jobs"])
+            and all(each["state"] in {"ready", "offline"} for each in sources.json()["sources"])
+        ):
             return
         await asyncio.sleep(0.01)
 
@@ -131,6 +144,11 @@ async def state(client: httpx.AsyncClient, folder: Path, *, backups: bool = Fals
     for each in await _all(client, "/jobs", "jobs"):
         files = await _all(client, f"/jobs/{each['id']}/files", "files")
         jobs.append([each["state"], each["counts"], [[file["path"], file["outcome"]] for file in files]])
+    sources = []
+    for each in await _all(client, "/sources", "sources"):
+        files = await _all(client, f"/sources/{each['id']}/files", "files")
+        found = sorted([file["path"], file["state"], file["shape_id"] is not None] for file in files)
+        sources.append([each["state"], each["counts"], found])
     archives = [
         folder / "archive.sqlite3",
         *sorted((folder / "backups").glob("*.sqlite3") if backups else ()),
@@ -138,7 +156,7 @@ async def state(client: httpx.AsyncClient, folder: Path, *, backups: bool = Fals
     checks = {path.name: asdict(check(path, lock_seconds=5)) for path in archives}
     for name, report in checks.items():
         assert report["faults"] == [], f"{name}: {report['faults']}"
-    state = {"shapes": sorted(shapes), "deleted": deleted, "jobs": jobs, "checks": checks}
+    state = {"shapes": sorted(shapes), "deleted": deleted, "jobs": jobs, "sources": sources, "checks": checks}
     return json.loads(json.dumps(state))
 
 

@@ -9,10 +9,11 @@ import tempfile
 import uuid
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import Future
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import httpx
 import numpy as np
@@ -22,10 +23,21 @@ import service.compute.sandbox
 import service.jobs.repository
 import service.jobs.runner
 import service.search.caches
+import service.sources.repository
+import service.sources.scanner
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from service.compute.tasks import example_records, warm_comparing
 from tests.service.support import settings_in
+
+CLOCKS = (
+    (service.jobs.runner, "LOOK_SECONDS"),
+    (service.jobs.runner, "IDLE_SECONDS"),
+    (service.jobs.runner, "BEAT_SECONDS"),
+    (service.sources.scanner, "LOOK_SECONDS"),
+    (service.sources.scanner, "PROGRESS_SECONDS"),
+)
+"""The intervals at which jobs and scans are looked for, and at which their leases are renewed."""
 
 
 class Executor:
@@ -72,27 +84,42 @@ class InlineService:
         service.app.start_executors = lambda *_: (executor, executor)  # type: ignore[assignment,return-value]
         # The limit of a reader's time would end this process.
         service.compute.sandbox._limit_time = lambda _: None  # type: ignore[assignment]
-        # A job waits for no lease of the service that was killed, and not for long after a fault.
-        service.jobs.repository.LEASE = timedelta(0)
+        # Jobs and scans wait for no lease of the service that was killed, and not for long after a fault.
+        service.jobs.repository.LEASE = service.sources.repository.LEASE = timedelta(0)
         service.jobs.runner.PAUSES = (0.01,)  # type: ignore[assignment]
+        service.sources.scanner.PAUSE_SECONDS = 0.01
         service.jobs.runner.LOOK_SECONDS = service.jobs.runner.IDLE_SECONDS = 0.05
+        service.sources.scanner.LOOK_SECONDS = 0.05
         # The same in each run, so that the same pages of the database change.
         uuid.uuid4 = lambda: uuid.UUID(int=random.getrandbits(128), version=4)
         tempfile.tempdir = str(folder / "tmp")
         # The database syncs the folder that it is in, and no other.
         jobs = str(folder / "elsewhere" / "jobs")
         self._app = service.app.create_app(
-            settings_in(folder, job_folder=jobs, undo_days=7.0, lock_seconds=2.0)
+            settings_in(
+                folder,
+                job_folder=jobs,
+                undo_days=7.0,
+                lock_seconds=2.0,
+                source_roots=(str(folder.parent),),
+            )
         )
         # The first request builds the routes.
         asyncio.run(httpx.AsyncClient(transport=httpx.ASGITransport(self._app)).get("http://127.0.0.1/none"))
 
     @asynccontextmanager
-    async def client(self) -> AsyncIterator[httpx.AsyncClient]:
-        """Run the service, and yield a client of it."""
+    async def client(self, *, is_timed: bool = True) -> AsyncIterator[httpx.AsyncClient]:
+        """Run the service, and yield a client of it.
+
+        Unless it is timed, jobs and scans begin at its start and when they are asked for, and renew no lease:
+        its writes do not depend on the load of the machine.
+        """
         transport = httpx.ASGITransport(self._app, raise_app_exceptions=False)
-        async with (
-            self._app.router.lifespan_context(self._app),
-            httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client,
-        ):
-            yield client
+        with ExitStack() as clocks:
+            for module, name in () if is_timed else CLOCKS:
+                clocks.enter_context(patch.object(module, name, 1e6))
+            async with (
+                self._app.router.lifespan_context(self._app),
+                httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client,
+            ):
+                yield client

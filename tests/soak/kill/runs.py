@@ -23,7 +23,18 @@ from typing import Any, NamedTuple
 import httpx
 
 from service.errors import ExpectedError, ServiceError
-from tests.soak.kill.changes import CHANGES, Change, State, finished, make_archive, run_command, state
+from tests.service.sources.support import put
+from tests.soak.kill.changes import (
+    CHANGES,
+    FILES,
+    MODELS,
+    Change,
+    State,
+    finished,
+    make_archive,
+    run_command,
+    state,
+)
 from tests.soak.kill.inline import InlineService
 from tests.soak.kill.power import Disk, Operation, operations
 
@@ -110,6 +121,9 @@ class Runs:
         self._empty, self._archive = folder / "empty", folder / "archive"
         self._log_file = os.open(self._log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         self._library = ctypes.CDLL(None)
+        os.chdir(folder)
+        for path, data in FILES.items():
+            put(MODELS / path, data)
         self._service = InlineService(self.place)
 
     def prepare(self) -> None:
@@ -194,7 +208,7 @@ class Runs:
 
     async def _ask(self, say: Say, change: Change, fault: Fault, expected: Expected | None) -> None:
         assert change.request is not None
-        async with self._service.client() as client:
+        async with self._service.client(is_timed=fault.is_failure) as client:
             self._begin(fault)
             answer = await change.request(client)
             say(acknowledged=answer.is_success)
