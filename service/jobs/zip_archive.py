@@ -88,11 +88,13 @@ class ArchiveMember:
     """A member that is not a folder.
 
     `path` is its name in the archive, with unprintable characters replaced; `name` is the last part, the name
-    of the shape. `fault` is the reason to refuse the member, as far as its header tells.
+    of the shape. `size` is in bytes, as its header tells, and so far `fault`, the reason to refuse the
+    member.
     """
 
     path: str
     name: str
+    size: int
     fault: MemberFault | None
 
 
@@ -206,10 +208,10 @@ class ZipArchive:
                 paths.add(normalised)
                 _check_entry(entry, self._limits)
                 format_of(base_name(path))
-                members.append(ArchiveMember(shown_path, name, None))
+                members.append(ArchiveMember(shown_path, name, entry.size, None))
                 total += entry.size
             except (ServiceError, CoreError) as error:
-                members.append(ArchiveMember(shown_path, base_name(shown_path), error))
+                members.append(ArchiveMember(shown_path, base_name(shown_path), entry.size, error))
         most = self._limits.max_unpacked_bytes
         if total > most:
             raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {most}")

@@ -58,7 +58,8 @@ async def add_source(
 ) -> Source:
     """Have the mesh files of a folder of this machine as shapes, which stay where they are.
 
-    The folder must be in one of ISOSHAPE_SOURCE_ROOTS.
+    The folder must be in one of ISOSHAPE_SOURCE_ROOTS. Zip files are read like folders, and the archive keeps
+    the bytes of their meshes.
     """
     allowed = container.settings.source_roots
     root = await container.database.in_thread(partial(service.real_folder, new.path, allowed))

@@ -18,13 +18,11 @@ from typing import Any, TypeVar
 from anyio import to_thread
 from starlette.concurrency import run_in_threadpool
 
+from core.errors import CoreError
 from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
-from service.errors import (
-    FileTooLargeError,
-    NameTakenError,
-)
+from service.errors import NameTakenError, ServiceError
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name, clean_name
@@ -32,11 +30,11 @@ from service.shapes.records import sha256
 from service.shapes.schemas import ShapeChanges
 from service.sources import repository
 from service.sources.comparison import Differences, compare, has_lost_half, same_files
-from service.sources.reading import FileInMotionError, FileUnreadableError
+from service.sources.reading import FileInMotionError
 from service.sources.repository import AT_ONCE, READ_AT_ONCE, KnownFile
 from service.sources.schemas import Scan as Report
 from service.sources.storing import FileStorer, Places, format_at
-from service.sources.walk import FoundFile, RootMissingError, Tree, endings, find_files
+from service.sources.walk import FoundFile, RootMissingError, Tree, find_files
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import SourceRow
 
@@ -84,9 +82,7 @@ class SourceScan:
         is_expected = any(file.state != "missing" for file in known.values())
         confirmed = self._source.confirmed
         try:
-            tree = await to_thread.run_sync(
-                find_files, self._root, endings(), self._stopped.is_set, abandon_on_cancel=True
-            )
+            tree = await to_thread.run_sync(self._find, abandon_on_cancel=True)
         except RootMissingError as error:
             if not is_expected:
                 await self._forget_long_missing()
@@ -103,6 +99,12 @@ class SourceScan:
         await self._settle_new(differences, known)
         await self._settle_vanished(differences.vanished, known, tree)
         await self._forget_long_missing()
+
+    def _find(self) -> Tree:
+        """Return the files of the folder, and those in its archives."""
+        tree = find_files(self._root, self._stopped.is_set)
+        self.report.left += self._storing.archives.add_members(tree, self._stopped.is_set)
+        return tree
 
     async def _known_files(self) -> dict[str, KnownFile]:
         """Return what the archive knows, by key; no other scan changes it meanwhile."""
@@ -159,7 +161,7 @@ class SourceScan:
             known = current.get(earlier.number, earlier)
             try:
                 digest = sha256(await run_in_threadpool(self._storing.read, found))
-            except (FileInMotionError, FileTooLargeError, FileUnreadableError):
+            except (CoreError, FileInMotionError, ServiceError):
                 rest.append((known, found))
                 continue
             mover = movers.get(digest)

@@ -31,6 +31,7 @@ from service.shapes.fields import base_name, clean_name
 from service.shapes.records import NewFile, NewShape, StoredShape, sha256
 from service.shapes.service import Put, ingest, store_files
 from service.sources import repository
+from service.sources.archives import Archives, Directories
 from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
 from service.sources.repository import KnownFile
 from service.sources.schemas import Scan as Report
@@ -55,6 +56,7 @@ class Places:
     def __init__(self, container: Container) -> None:
         self._container = container
         self._free = asyncio.Semaphore(container.settings.workers)
+        self.directories = Directories()
         self._active = 0
 
     @asynccontextmanager
@@ -86,6 +88,9 @@ class FileStorer:
         self._source, self._root, self._report = source, Path(source.root), report
         self._collection = CollectionNumber(source.collection_number)
         self._locks: dict[str, asyncio.Lock] = {}
+        self.archives = Archives(
+            self._root, container.settings, container.queue.zip_directory, places.directories
+        )
 
     async def settle(self, key: str, found: FoundFile, known: KnownFile | None) -> None:
         """Read a file, and store it unless its bytes are known."""
@@ -94,10 +99,11 @@ class FileStorer:
         except FileInMotionError:
             self._report.left += 1
             return
-        except (FileTooLargeError, FileUnreadableError) as error:
+        except (CoreError, ServiceError) as error:
             await self._refuse(key, found, known, None, error)
             return
-        file = NewFile(data, format_at(found.path), in_place=not self._source.copies)
+        in_place = not self._source.copies and found.archive is None
+        file = NewFile(data, format_at(found.path), in_place=in_place)
         digest = await run_in_threadpool(sha256, data)
         async with self._alone(digest):
             for tries_left in reversed(range(TRIES)):
@@ -111,7 +117,9 @@ class FileStorer:
         self._report.done += 1
 
     def read(self, found: FoundFile) -> bytes:
-        """Return the bytes of a file; see `read_file`."""
+        """Return the bytes of a file, or of a member of an archive; see `read_file` and `Archives.read`."""
+        if found.archive is not None:
+            return self.archives.read(found)
         return read_file(self._root, found, self._container.settings.max_upload_bytes)
 
     async def _store(self, key: str, found: FoundFile, known: KnownFile | None, file: NewFile) -> None:

@@ -1,4 +1,4 @@
-"""The mesh files under a folder: paths and sizes, without reading a file.
+"""The mesh files and zip files under a folder: paths and sizes, without reading a file.
 
 Hidden files and folders, and those that `.isoshapeignore` of the root names in the syntax of .gitignore, are
 left out. A link to a file of the folder is a second path of that file; a link to a folder, or out of the
@@ -20,6 +20,7 @@ from service.storage.in_place import open_beneath, open_folder
 
 IGNORE = ".isoshapeignore"
 IGNORE_BYTES = 64 * 1024
+ARCHIVE = "zip"
 DEPTH = 64
 """Folders within folders; deeper ones are reported."""
 
@@ -35,7 +36,8 @@ class RootMissingError(Exception):
 class FoundFile:
     """A mesh file: its `path` from the root as the disk spells it, and what tells whether it has changed.
 
-    `device` and `inode` are signed 64-bit numbers, as databases have them.
+    `device` and `inode` are signed 64-bit numbers, as databases have them. `archive` is the zip that has the
+    file, if one has.
     """
 
     path: str
@@ -43,6 +45,7 @@ class FoundFile:
     mtime_ns: int
     device: int
     inode: int
+    archive: "FoundFile | None" = None
 
     @property
     def same_bytes(self) -> tuple[int, int, int]:
@@ -52,13 +55,14 @@ class FoundFile:
 
 @dataclass
 class Tree:
-    """The mesh files of a folder, by their paths in the normal form NFC.
+    """The mesh files of a folder, by their paths in the normal form NFC, and its zip files.
 
     `unread` has the paths of folders and files that could not be listed, each with the reason: nothing is
     known about the files there. `is_ignored` tells of a path whether `.isoshapeignore` leaves it out.
     """
 
     files: dict[str, FoundFile] = field(default_factory=dict)
+    archives: list[FoundFile] = field(default_factory=list)
     unread: dict[str, str] = field(default_factory=dict)
     is_ignored: Callable[[str], bool] = lambda _: False
 
@@ -70,8 +74,8 @@ class Tree:
         )
 
 
-def find_files(root: Path, endings: frozenset[str], stopped: Callable[[], bool] = lambda: False) -> Tree:
-    """Return the files of a folder whose names have one of some endings, in lower case and without dots.
+def find_files(root: Path, stopped: Callable[[], bool] = lambda: False) -> Tree:
+    """Return the mesh files and the zip files of a folder, by the endings of their names.
 
     When `stopped` returns true, nobody waits for the answer any more.
 
@@ -87,9 +91,12 @@ def find_files(root: Path, endings: frozenset[str], stopped: Callable[[], bool] 
     except OSError as error:
         raise RootMissingError(f"{root}: {error.strerror or error}") from error
     try:
-        entries = _Walk(root, endings, stopped, tree).entries(folder, "", 0)
+        entries = _Walk(root, stopped, tree).entries(folder, "", 0)
         # A name in NFC comes before other forms of it, so that it always has its own key.
         for found in sorted(entries, key=lambda file: not unicodedata.is_normalized("NFC", file.path)):
+            if _ending(found.path) == ARCHIVE:
+                tree.archives.append(found)
+                continue
             key = normal(found.path)
             tree.files[found.path if key in tree.files else key] = found
     finally:
@@ -101,8 +108,18 @@ def find_files(root: Path, endings: frozenset[str], stopped: Callable[[], bool] 
 
 @cache
 def endings() -> frozenset[str]:
-    """Return the endings of the files that are read."""
+    """Return the endings of mesh files, in lower case and without dots."""
     return frozenset(ending for format in FORMATS.values() if format.is_read for ending in format.endings)
+
+
+def is_read(path: str) -> bool:
+    """Return whether a file is a mesh, or a zip that may have some, by its ending."""
+    ending = _ending(path)
+    return ending == ARCHIVE or ending in endings()
+
+
+def _ending(path: str) -> str:
+    return path.rpartition(".")[2].lower()
 
 
 def normal(path: str) -> str:
@@ -129,8 +146,8 @@ def _ignored(root: Path) -> Callable[[str], bool]:
 class _Walk:
     """The walk through one folder."""
 
-    def __init__(self, root: Path, endings: frozenset[str], stopped: Callable[[], bool], tree: Tree) -> None:
-        self._root, self._endings, self._stopped, self._tree = root, endings, stopped, tree
+    def __init__(self, root: Path, stopped: Callable[[], bool], tree: Tree) -> None:
+        self._root, self._stopped, self._tree = root, stopped, tree
 
     def entries(self, folder: int, path: str, depth: int) -> Iterator[FoundFile]:
         """Yield the files of an open folder and of the folders in it."""
@@ -150,7 +167,7 @@ class _Walk:
             if entry.is_dir(follow_symlinks=False):
                 if not self._tree.is_ignored(f"{path}/"):
                     yield from self._folder(folder, entry.name, path, depth + 1)
-            elif entry.name.rpartition(".")[2].lower() in self._endings and not self._tree.is_ignored(path):
+            elif is_read(entry.name) and not self._tree.is_ignored(path):
                 yield from self._file(entry, path)
         except OSError as error:
             self._report(path, error.strerror or str(error))

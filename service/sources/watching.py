@@ -9,7 +9,7 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 
 from service.observability.logging import get_logger
-from service.sources.walk import IGNORE, endings
+from service.sources.walk import IGNORE, is_read
 
 log = get_logger("sources")
 
@@ -61,8 +61,7 @@ def _unescaped(point: str) -> str:
 def _may_matter(_change: object, path: str) -> bool:
     """Return whether a changed path may be a mesh, a folder or the patterns; others change all the time."""
     name = os.path.basename(path)
-    ending = name.rpartition(".")[2].lower()
-    return "." not in name or ending in endings() or name == IGNORE or os.path.isdir(path)
+    return "." not in name or is_read(name) or name == IGNORE or os.path.isdir(path)
 
 
 class Watch:

@@ -14,11 +14,9 @@ from service.sources.watching import file_system
 from service.storage.in_place import open_beneath
 from tests.service.sources.support import put
 
-OFF = frozenset({"off"})
-
 
 def found(root: Path) -> set[str]:
-    return set(find_files(root, OFF).files)
+    return set(find_files(root).files)
 
 
 def test_names_in_every_normal_form_are_one_path(root: Path) -> None:
@@ -30,7 +28,7 @@ def test_names_in_every_normal_form_are_one_path(root: Path) -> None:
     (root / decomposed).rename(root / composed)
     assert found(root) == {composed}
     put(root / decomposed, b"2")
-    tree = find_files(root, OFF)
+    tree = find_files(root)
     assert {key: tree.files[key].path for key in tree.files} == {composed: composed, decomposed: decomposed}
     # NFKC also changes what a name says: ﬁ and fi are two names.
     put(root / "ﬁ.off", b"3")
@@ -50,7 +48,7 @@ def test_links_end_and_stay_inside(root: Path) -> None:
     (root / "second.off").symlink_to("inner/a.off")
     os.link(root / "inner" / "a.off", root / "third.off")
     os.mkfifo(root / "pipe.off")
-    tree = find_files(root, OFF)
+    tree = find_files(root)
     assert set(tree.files) == {"inner/a.off", "second.off", "third.off"}
     assert len({(file.device, *file.same_bytes) for file in tree.files.values()}) == 1
     assert tree.unread == {}
@@ -94,7 +92,7 @@ def test_what_cannot_be_listed_is_told_and_not_taken_for_gone(
         return scandir(folder)
 
     monkeypatch.setattr(os, "scandir", refusing)
-    tree = find_files(root, OFF)
+    tree = find_files(root)
     assert set(tree.files) == {"a.off"}
     assert tree.unread["shut"] == "Permission denied"
     assert tree.may_have("shut/b.off")
@@ -103,19 +101,19 @@ def test_what_cannot_be_listed_is_told_and_not_taken_for_gone(
     assert Tree().may_have("a.off") is False
     monkeypatch.setattr(os, "scandir", lambda _: (_ for _ in ()).throw(OSError(5, "Input/output error")))
     with pytest.raises(RootMissingError, match="Input/output error"):
-        find_files(root, OFF)
+        find_files(root)
     with pytest.raises(RootMissingError, match="No such file"):
-        find_files(root / "absent", OFF)
+        find_files(root / "absent")
 
 
 def test_a_name_that_is_no_text_is_told(root: Path) -> None:
     (root / os.fsdecode(b"\xff.off")).touch()
-    assert list(find_files(root, OFF).unread.values()) == ["the name is not UTF-8"]
+    assert list(find_files(root).unread.values()) == ["the name is not UTF-8"]
 
 
 def test_a_file_is_read_whole_or_not_at_all(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = put(root / "a.off", b"0123456789")
-    (file,) = find_files(root, OFF).files.values()
+    (file,) = find_files(root).files.values()
     assert read_file(root, file, 10) == b"0123456789"
     with pytest.raises(FileTooLargeError):
         read_file(root, file, 9)
@@ -123,7 +121,7 @@ def test_a_file_is_read_whole_or_not_at_all(root: Path, monkeypatch: pytest.Monk
     path.write_bytes(b"01234567890")
     with pytest.raises(FileInMotionError):
         read_file(root, file, 100)
-    (grown,) = find_files(root, OFF).files.values()
+    (grown,) = find_files(root).files.values()
     with pytest.raises(FileInMotionError):
         read_file(root, grown, 100)
     monkeypatch.setattr(reading, "QUIET_SECONDS", 0.0)

@@ -1,0 +1,120 @@
+"""The meshes in zip files of a source: their paths, without unpacking any, and their bytes."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from hashlib import blake2b
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from cachetools import LRUCache, cachedmethod
+
+from service.errors import ServiceError
+from service.jobs.zip_archive import ArchiveMember, ArchiveTooLargeError, ReadDirectory, ZipArchive
+from service.settings import Settings
+from service.sources.reading import FileInMotionError, opened
+from service.sources.walk import PATH_BYTES, FoundFile, RootMissingError, Tree, endings, normal
+
+MEMBERS = 20_000
+"""Meshes in archives whose paths are kept in memory."""
+
+
+class Directories:
+    """The members of archives that scans have read, so that an unchanged archive is not read again."""
+
+    def __init__(self) -> None:
+        self.members: LRUCache[Any, list[FoundFile]] = LRUCache(MEMBERS, len)
+        self.lock = Lock()
+
+
+class Archives:
+    """The zip files of a source. Their members have paths as if the zip were a folder.
+
+    Parameters
+    ----------
+    root : Path
+        The folder of the source.
+    limits : Settings
+        The limits of archives and uploads.
+    read_directory : callable
+        Reads the directory of a zip, in a confined process.
+    directories : Directories
+        The members of archives that earlier scans have read.
+    """
+
+    def __init__(
+        self, root: Path, limits: Settings, read_directory: ReadDirectory, directories: Directories
+    ) -> None:
+        self._root, self._limits, self._read_directory = root, limits, read_directory
+        self._directories = directories
+
+    def add_members(self, tree: Tree, stopped: Callable[[], bool] = lambda: False) -> int:
+        """Add the meshes in the archives of a tree to its files; return how many archives are being written.
+
+        An archive that cannot be read is reported as a folder that cannot be listed.
+        """
+        moving = 0
+        for archive in tree.archives:
+            if stopped():
+                raise RootMissingError("the scan was stopped")
+            try:
+                members = self._meshes(archive)
+            except FileInMotionError:
+                moving += 1
+                tree.unread[normal(archive.path)] = "the file is being written"
+            except ServiceError as error:
+                tree.unread[normal(archive.path)] = str(error)
+            else:
+                for member in members:
+                    if not tree.is_ignored(member.path):
+                        tree.files.setdefault(normal(member.path), member)
+        return moving
+
+    def read(self, found: FoundFile) -> bytes:
+        """Return the bytes of a member.
+
+        Raises
+        ------
+        FileInMotionError, FileUnreadableError
+            The archive is being written, or cannot be opened.
+        ServiceError
+            The member, or the whole archive, is refused.
+        """
+        archive = found.archive
+        assert archive is not None
+        with opened(self._root, archive) as file:
+            content = ZipArchive(file, self._limits, self._read_directory)
+            for position, member in enumerate(content.members()):
+                if _found(archive, member).path == found.path:
+                    if member.fault is not None:
+                        raise member.fault
+                    for _, data in content.read({position}):
+                        if isinstance(data, bytes):
+                            return data
+                        raise data
+        raise FileInMotionError
+
+    @cachedmethod(lambda self: self._directories.members, lock=lambda self: self._directories.lock)
+    def _meshes(self, archive: FoundFile) -> list[FoundFile]:
+        if archive.size > self._limits.max_archive_bytes:
+            raise ArchiveTooLargeError(f"the archive has more than {self._limits.max_archive_bytes} bytes")
+        with opened(self._root, archive) as file:
+            members = ZipArchive(file, self._limits, self._read_directory).members()
+        found = (_found(archive, member) for member in members if _is_mesh(member.path))
+        return [file for file in found if len(file.path.encode()) <= PATH_BYTES]
+
+
+def _is_mesh(path: str) -> bool:
+    """Return whether a member is read: by its ending, and unless it is hidden."""
+    parts = path.replace("\\", "/").split("/")
+    hidden = any(part.startswith(".") and part != "." for part in parts)
+    return not hidden and path.rpartition(".")[2].lower() in endings()
+
+
+def _found(archive: FoundFile, member: ArchiveMember) -> FoundFile:
+    """Return a member as a file. Its inode is made of that of the archive and of its path in it."""
+    of_archive = f"{archive.inode} {archive.size} {member.path}".encode(errors="replace")
+    inode = int.from_bytes(blake2b(of_archive, digest_size=8).digest(), signed=True)
+    return replace(
+        archive, path=f"{archive.path}/{member.path}", size=member.size, inode=inode, archive=archive
+    )
