@@ -114,16 +114,24 @@ def upload(
 
 
 def page(
-    *, sort: Sort = "relevance", limit: int = 50, cursor: str | None = None, **filters: Unpack[Filters]
+    *,
+    sort: Sort = "relevance",
+    limit: int = 50,
+    cursor: str | None = None,
+    sha256: str | None = None,
+    **filters: Unpack[Filters],
 ) -> Call[ShapePage]:
-    """Get one page of the stored shapes that pass the filters."""
-    params = _filtered(filters) | given(sort=sort, limit=limit, cursor=cursor)
+    """Get one page of the stored shapes that pass the filters and, if asked, whose file has a SHA-256."""
+    params = _filtered(filters) | given(sort=sort, limit=limit, cursor=cursor, sha256=sha256)
     return Call("GET", "/shapes", parsed(ShapePage), params=params)
 
 
-def shapes(*, sort: Sort = "relevance", **filters: Unpack[Filters]) -> Call[Step[Shape]]:
-    """Get all stored shapes that pass the filters, page by page."""
-    return pages("/shapes", ShapePage, lambda answer: answer.shapes, sort=sort, **_filtered(filters))
+def shapes(
+    *, sort: Sort = "relevance", sha256: str | None = None, **filters: Unpack[Filters]
+) -> Call[Step[Shape]]:
+    """Get all stored shapes that pass the filters, page by page; with `sha256`, those of the same bytes."""
+    params = _filtered(filters) | given(sort=sort, sha256=sha256)
+    return pages("/shapes", ShapePage, lambda answer: answer.shapes, **params)
 
 
 def facets(*, tag_text: str = "", limit: int = 100, **filters: Unpack[Filters]) -> Call[Facets]:

@@ -1,5 +1,6 @@
 """The addresses under /shapes and /deleted, and the forms of uploads."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal
 
@@ -191,6 +192,14 @@ class ShapeListing(PageOptions, Filters):
         "order.",
     )
 
+    sha256: str | None = Field(
+        default=None,
+        pattern="^[0-9a-f]{64}$",
+        description="Only shapes whose file has this SHA-256: a client that hashes a file learns, before it "
+        "uploads the file, as which shapes it is stored. `likeness` in the answer of a query finds copies "
+        "that have other bytes.",
+    )
+
     @property
     def order(self) -> Sort:
         """The order of the list: without words, no shape is more relevant than another."""
@@ -288,7 +297,7 @@ def list_shapes(
     """
     sort = listing.order
     after = read_position(listing.cursor, sort)
-    wanted = listing.filtered(collection.number)
+    wanted = replace(listing.filtered(collection.number), sha256=listing.sha256)
     with container.database.read() as session:
         return service.list_page(session, wanted, after=after, limit=listing.limit, sort=sort)
 

@@ -83,9 +83,10 @@ class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 
     A shape that passes has all `words` (`service.shapes.word_repository`), each of `tags`, a name that
-    contains `name` in any case, the keys and values of `metadata`, a file of the format `file_format`, and
-    none of the ids `excluded`. Its surface area, volume and largest extent of the bounding box, in units of
-    the file, are in the ranges `area`, `volume` and `length`. Open surfaces have no volume.
+    contains `name` in any case, the keys and values of `metadata`, a file of the format `file_format` and
+    with the SHA-256 `sha256`, and none of the ids `excluded`. Its surface area, volume and largest extent of
+    the bounding box, in units of the file, are in the ranges `area`, `volume` and `length`. Open surfaces
+    have no volume.
     """
 
     collection: CollectionNumber
@@ -98,6 +99,7 @@ class ShapeFilter:
     volume: Range | None = None
     length: Range | None = None
     words: str | None = None
+    sha256: str | None = None
 
     @property
     def is_empty(self) -> bool:

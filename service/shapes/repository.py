@@ -79,6 +79,9 @@ def conditions(shapes: ShapeFilter) -> ColumnElement[bool]:
         required.append(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
     if shapes.file_format is not None:
         required.append(ShapeRow.format == shapes.file_format)
+    if shapes.sha256 is not None:
+        same_bytes = select(BlobRow.number).where(BlobRow.sha256 == shapes.sha256)
+        required.append(ShapeRow.blob_number.in_(same_bytes))
     if shapes.excluded:
         required.append(ShapeRow.id.not_in(shapes.excluded))
     if shapes.area is not None:

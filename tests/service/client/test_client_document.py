@@ -45,8 +45,8 @@ BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("upload", (FILE,), {**STORED, "split": "parts"}, "POST /shapes"),
-    ("page", (), {**LISTED, "limit": 7, "cursor": "c"}, "GET /shapes"),
-    ("shapes", (), LISTED, "GET /shapes"),
+    ("page", (), {**LISTED, "limit": 7, "cursor": "c", "sha256": "0" * 64}, "GET /shapes"),
+    ("shapes", (), {**LISTED, "sha256": "0" * 64}, "GET /shapes"),
     (
         "facets",
         (),

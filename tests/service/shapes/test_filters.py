@@ -1,5 +1,6 @@
 """Which shapes a query is compared with: one syntax for lists and searches."""
 
+import hashlib
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.search.schemas import SIZE_TOLERANCE
 from tests.service.engines import on_both
-from tests.service.support import Running, query, small_file
+from tests.service.support import Running, assert_problem, query, small_file
 
 pytestmark = on_both
 
@@ -73,6 +74,16 @@ def test_lists_and_queries_have_the_shapes_that_pass(
     assert names(client.post("/query", json={**washer, **wanted, "top_k": 100}).json()) == expected
     in_address = client.post("/query", params={**wanted, "top_k": 100}, json=washer).json()
     assert names(in_address) == expected
+
+
+def test_a_hash_finds_the_shapes_of_a_file_that_is_not_uploaded(stocked: Running) -> None:
+    client = stocked.client
+    for number, name in enumerate(SHAPES):
+        wanted = {"sha256": hashlib.sha256(small_file(number)).hexdigest()}
+        assert [shape["name"] for shape in client.get("/shapes", params=wanted).json()["shapes"]] == [name]
+        assert client.get("/shapes", params={**wanted, "name": "other"}).json()["total"] == 0
+    assert client.get("/shapes", params={"sha256": "0" * 64}).json()["total"] == 0
+    assert_problem(client.get("/shapes", params={"sha256": "0" * 63}), 422, "bad-request-fields")
 
 
 def test_shapes_are_left_out_by_their_ids(stocked: Running) -> None:
