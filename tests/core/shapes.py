@@ -8,8 +8,9 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from core.embedding import Facts
-from core.gallery import CLASSES, make_shape
+from core.gallery import CLASSES
 from core.mesh.mesh import Mesh
+from tests.gallery import make_shape
 
 
 def mesh_of(made):

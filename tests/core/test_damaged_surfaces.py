@@ -5,13 +5,13 @@ import pytest
 
 from core import sparse_embedding
 from core.errors import CannotBeEmbeddedError, DegenerateMeshError
-from core.gallery import make_shape
 from core.mesh import ordering
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from tests.core.damaged import DAMAGES, touching_boxes
 from tests.core.shapes import blob, box, loose_parts
+from tests.gallery import make_shape
 
 SOUND = {
     "blob": lambda: blob(0, 2),

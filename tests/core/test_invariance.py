@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
@@ -24,6 +23,7 @@ from tests.core.shapes import (
     subdivided,
     turned,
 )
+from tests.gallery import make_shape
 
 # The paper's 400 samples would cost a minute of matching and test nothing else.
 SETTINGS = {"default": DEFAULT, "paper": PAPER.with_values(sampling={"sample_cap": 120})}

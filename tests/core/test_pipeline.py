@@ -17,7 +17,6 @@ from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.descriptors.views import view_descriptor, view_distance
 from core.embedding import Embedding
 from core.errors import DegenerateMeshError, IncompatibleEmbeddingsError
-from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.mesh.subdivision import refine
@@ -26,6 +25,7 @@ from core.pipeline import Pipeline
 from core.serialization import embedding_to_bytes
 from core.sparse_embedding import prepared
 from tests.core.shapes import blob, box, folded, joined, prism, rectangle, shifted, soup
+from tests.gallery import make_shape
 from tests.studies.perturbation import add_noise, make_soup
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}

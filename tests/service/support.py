@@ -20,7 +20,7 @@ from sqlalchemy import ColumnElement, func, select
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from service.app import create_app
+from service.app import create_app, openapi_document
 from service.collections.endpoints import HEADER
 from service.container import Container
 from service.duplicates.service import find_neighbours
@@ -31,6 +31,9 @@ from service.turns import Place
 from tests.service.engines import url_in
 
 T = TypeVar("T")
+
+document = cache(openapi_document)
+"""The OpenAPI document, made once for all tests."""
 
 
 @dataclass(frozen=True)

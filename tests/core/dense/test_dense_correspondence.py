@@ -7,10 +7,10 @@ from core import Mesh, Pipeline
 from core.dense.dense_correspondence import stretch
 from core.dense.working_surface import MOST_VERTICES
 from core.evaluation.correspondence_errors import surface_distances
-from core.gallery.bodies import make_body
 from core.registration.similarity import best_similarity
 from tests.core.dense.solids import SIDE, chair, plate
 from tests.core.shapes import rectangle, scaled, shifted, subdivided, turned
+from tests.gallery import make_body
 from tests.studies.copies import moved
 from tests.studies.machine_parts import Drawing, part
 

@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 from core.dense.functional_maps import FUNCTIONS, basis, extend, nearest_both_ways
 from core.errors import ParameterError
 from core.evaluation.correspondence_errors import PreparedMesh, dense_map, surface_distances
-from core.gallery.bodies import individual_partners, make_body
+from core.gallery.bodies import individual_partners
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
+from tests.gallery import make_body
 
 
 @pytest.fixture(scope="module")

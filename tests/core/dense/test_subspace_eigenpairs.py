@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from core.dense.subspace_eigenpairs import COARSE, approximate_laplace_beltrami
-from core.gallery.bodies import make_body
 from core.spectral.laplace_beltrami import laplace_beltrami, laplacian
 from tests.core.shapes import icosphere, joined, shifted
+from tests.gallery import make_body
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,13 @@ from core.dense.transfer import (
     transferred_points,
 )
 from core.dense.working_surface import working_surface
-from core.gallery.bodies import individual_partners, make_body
+from core.gallery.bodies import individual_partners
 from core.mesh.box_tree import closest_on_triangles
 from core.mesh.cleaning import face_areas
 from core.mesh.normal_frame import normal_frame
 from tests.core.dense.solids import chair, solid
 from tests.core.shapes import rectangle, scaled, turned
+from tests.gallery import make_body
 
 PIPELINE = Pipeline()
 BRICK = solid(np.ones((9, 6, 3)))

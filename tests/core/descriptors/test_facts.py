@@ -13,12 +13,12 @@ from core.descriptors.facts import (
     signed_volume,
 )
 from core.evaluation.perturbation import cut_part, remove_discs
-from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
 from tests.core.shapes import FACTS, box, icosphere, joined, prism, rectangle, scaled, shifted, soup, turned
+from tests.gallery import make_shape
 from tests.studies.perturbation import make_soup
 
 

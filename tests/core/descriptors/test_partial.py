@@ -34,12 +34,12 @@ from core.descriptors.spin_images import (
 )
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part, subdivide
-from core.gallery import make_shape
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from tests.core.shapes import box, prism, scaled, shifted, turned
+from tests.gallery import make_shape
 from tests.studies.perturbation import make_soup
 
 PIPELINE = Pipeline(DEFAULT)

@@ -19,11 +19,11 @@ from core.descriptors.spin_images import (
     spin_image_distances,
     spin_images,
 )
-from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import evenly_spread
 from tests.core.shapes import scaled, shifted, turned
+from tests.gallery import make_shape
 
 
 @cache

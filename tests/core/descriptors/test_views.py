@@ -29,7 +29,7 @@ from core.descriptors.views import (
     view_distance,
     view_signature,
 )
-from core.gallery import CLASSES, make_shape
+from core.gallery import CLASSES
 from core.mesh.mesh import Mesh
 from core.sampling.surface_samples import evenly_spread
 from tests.core.shapes import (
@@ -49,6 +49,7 @@ from tests.core.shapes import (
     subdivided,
     turned,
 )
+from tests.gallery import make_shape
 
 
 def described(mesh):

@@ -20,12 +20,12 @@ from core.evaluation.correspondence_errors import (
     symmetric_error,
     truth_errors,
 )
-from core.gallery.bodies import make_body
 from core.graph.edge_graph import edge_graph
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from tests.gallery import make_body
 
 PIPELINE = Pipeline()
 

@@ -7,7 +7,6 @@ from trimesh.proximity import closest_point_naive
 
 from core.errors import ParameterError
 from core.evaluation.perturbation import DISCS, LARGE_FACE, cut_part, remove_discs, subdivide
-from core.gallery import make_shape
 from core.mesh.cleaning import clean, face_areas
 from core.mesh.edges import component_labels
 from core.mesh.mesh import Mesh
@@ -26,6 +25,7 @@ from tests.core.shapes import (
     shifted,
     soup,
 )
+from tests.gallery import make_shape
 from tests.studies.perturbation import PARTS, add_noise, make_soup, separate_parts
 
 AMOUNTS = {

@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 
-from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.io.files import CUBE, PLAIN, SQUARES, binary_ply, glb, obj, off, ply, ply_header, stl
 from tests.core.io.gltf_files import Gltf
 from tests.core.io.threemf_files import package
+from tests.gallery import make_body
 
 SHAPES = {"cup": 300, "octopus": 500, "pliers": 400}
 """Kinds of the gallery, and about how many vertices each has: few, so that many can be embedded."""

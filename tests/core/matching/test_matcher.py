@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
 from core.matching.kernels.match_record import decoded
 from core.matching.match_records import embedding_key
 from core.matching.matcher import matcher_of
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from tests.core.matching.clouds import cloud, embedded
+from tests.gallery import make_shape
 
 SETTINGS = {"default": DEFAULT, "paper": PAPER}
 

@@ -7,10 +7,10 @@ import pytest
 
 from core.embedding import NO_ORIENTATION
 from core.evaluation.correspondence_errors import REMESHED, surface_distances, symmetric_error
-from core.gallery.bodies import make_body
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from tests.core.shapes import icosphere
+from tests.gallery import make_body
 
 PIPELINE = Pipeline()
 MIRROR = np.diag([1.0, 1.0, -1.0])

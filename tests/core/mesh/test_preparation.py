@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from core.evaluation.perturbation import remove_discs
-from core.gallery import make_shape
 from core.mesh import preparation as module
 from core.mesh.cleaning import clean
 from core.mesh.edges import half_edges
@@ -21,6 +20,7 @@ from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.sparse_embedding import prepared
 from tests.core.shapes import area, icosphere, joined, rectangle, turned
+from tests.gallery import make_shape
 from tests.studies.perturbation import add_noise, make_soup
 
 

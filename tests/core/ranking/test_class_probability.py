@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from core.descriptors.registry import DESCRIPTORS
-from core.gallery import make_shape
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import (
@@ -22,6 +21,7 @@ from core.ranking.class_probability import (
     pooled_probability,
 )
 from core.ranking.differences import PairDifferences
+from tests.gallery import make_shape
 
 DIFFERENCES = ("global_distance", "spin_images", "views")
 

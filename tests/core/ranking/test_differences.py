@@ -7,9 +7,10 @@ import pytest
 
 from core.descriptors.registry import descriptors_of
 from core.descriptors.views import view_signature
-from core.gallery import CLASSES, make_shape
+from core.gallery import CLASSES
 from core.pipeline import Pipeline
 from core.ranking.differences import CoarseDescriptors, coarse_differences, differences_of
+from tests.gallery import make_shape
 
 
 @cache

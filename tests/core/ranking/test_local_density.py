@@ -9,7 +9,7 @@ import pytest
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_distance
-from core.gallery import CLASSES, make_shape
+from core.gallery import CLASSES
 from core.pipeline import Pipeline
 from core.ranking.local_density import (
     ENOUGH,
@@ -20,6 +20,7 @@ from core.ranking.local_density import (
     density_sample,
     neighbour_distances,
 )
+from tests.gallery import make_shape
 
 TYPICAL = 0.3
 

@@ -6,7 +6,6 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
 from core.matching.kernels.match_record import ONE, decoded
 from core.matching.kernels.one_to_many import flat_splines, points_of
 from core.matching.match_records import match_record, score_match_records, search_rounds
@@ -15,6 +14,7 @@ from core.pipeline import Pipeline
 from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, quantised_points, rerank
 from tests.core.matching.clouds import cloud, embedded, random_embedding
 from tests.core.matching.reference import best_map_reference, fit_map_reference
+from tests.gallery import make_shape
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
 

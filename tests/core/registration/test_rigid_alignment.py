@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from core.gallery.bodies import make_body
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from core.ranking.likeness import BENT
@@ -12,6 +11,7 @@ from core.registration.rigid_alignment import rigid_alignment
 from core.registration.similarity import Similarity
 from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned
+from tests.gallery import make_body
 
 PIPELINE = Pipeline()
 

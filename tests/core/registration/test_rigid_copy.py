@@ -9,7 +9,6 @@ import pytest
 from core.descriptors.pieces import pieces
 from core.embedding import Embedding
 from core.evaluation.perturbation import subdivide
-from core.gallery.bodies import make_body
 from core.gallery.solids import Frame, ellipsoid, tube
 from core.gallery.surface import surface
 from core.io import read_mesh, write_mesh
@@ -31,6 +30,7 @@ from core.registration.rigid_copy import (
     proportions,
 )
 from core.registration.similarity import RESIDUAL, Similarity
+from tests.gallery import make_body
 from tests.studies.copies import moved, quartered, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw

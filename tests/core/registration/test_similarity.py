@@ -5,12 +5,12 @@ import pytest
 from manifold3d import CrossSection, Manifold
 from numpy.testing import assert_allclose
 
-from core.gallery import make_shape
 from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.registration.curved_surface import CurvedSurface, curved_surface
 from core.registration.similarity import bend, best_similarity
 from core.sampling.surface_samples import closest_points, surface_samples
+from tests.gallery import make_shape
 
 
 def orthogonal(seed: int, sign: int) -> np.ndarray:

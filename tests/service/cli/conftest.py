@@ -1,18 +1,18 @@
 """A small collection on disk, and the command line run in this process against real services."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
 from typer.testing import CliRunner
 
 from core.embedding import Embedding
-from core.gallery import make_shape
 from core.io import format_of, read_mesh, write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -22,7 +22,8 @@ from service.client import Client
 from service.datasets import read_collection
 from service.evaluation import pairwise_scores
 from service.server.uvicorn_server import in_thread
-from service.settings import Settings
+from service.settings import Settings, load_settings
+from tests.gallery import make_shape
 
 CLASSES = ("cup", "octopus", "pliers")
 POSES = 3
@@ -106,6 +107,18 @@ def shared_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]
     settings = Settings(database_url=url, workers=1, log_level="error", source_roots=roots)
     with in_thread(create_app(settings)) as client:
         yield client
+
+
+@contextmanager
+def child_in_thread(port: int, settings: Mapping[str, str]) -> Iterator[SimpleNamespace]:
+    """In the place of a `ChildService`: a service in a thread of this process, which starts in a second."""
+    assert port
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in settings.items():
+            patch.setenv(name, value)
+        app = create_app(load_settings())
+    with in_thread(app) as client:
+        yield SimpleNamespace(url=client.url, ended=lambda: False)
 
 
 @pytest.fixture

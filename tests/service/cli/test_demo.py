@@ -7,18 +7,20 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from service.app import openapi_document
 from service.auth.keys import digest_of
 from service.cli import demo
 from service.report import SIZE
-from tests.service.cli.conftest import CLASSES, Run
+from tests.gallery import make_shape
+from tests.service.cli.conftest import CLASSES, Run, child_in_thread
 from tests.service.cli.test_server import free_port
+from tests.service.support import document
 
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "CLASSES", CLASSES)
     monkeypatch.setattr(demo, "POSES", 2)
+    monkeypatch.setattr(demo, "make_shape", make_shape)
 
 
 @pytest.mark.usefixtures("small")
@@ -39,9 +41,9 @@ def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.Mon
     assert len([row for row in rows if row and row[-1] in {"same", "other"}]) == 9
     assert Path("isoshape-data/demo.sqlite3").is_file()
 
+    monkeypatch.setattr(demo, "ChildService", child_in_thread)
     # The same gallery again, with a key: a shape of each class is made to compare it, and nothing is stored.
     made: list[tuple[str, int]] = []
-    make_shape = demo.make_shape
     monkeypatch.setattr(
         demo, "make_shape", lambda label, pose: made.append((label, pose)) or make_shape(label, pose)
     )
@@ -68,7 +70,7 @@ def test_check_then_again_with_another_gallery(run: Run, monkeypatch: pytest.Mon
 def test_openapi_to_a_file_and_to_standard_output(run: Run) -> None:
     assert run("openapi").status == 0
     written = Path("openapi/openapi.json").read_text(encoding="utf-8")
-    assert json.loads(written) == openapi_document()
+    assert json.loads(written) == document()
     assert run("openapi", "--output", "-").stdout == written
 
 
@@ -80,6 +82,8 @@ def test_ctrl_c_ends_it_without_an_error_at_any_stage(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
+    if stage == "_store":
+        monkeypatch.setattr(demo, "ChildService", child_in_thread)
     monkeypatch.setattr(demo, stage, interrupted)
     done = run("demo", "--port", free_port())
     assert (done.status, done.stderr.splitlines()[-1]) == (0, "stopped")

@@ -5,12 +5,12 @@ import io
 
 import pytest
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from service.client import Client
 from service.duplicates import service
 from service.duplicates.schemas import COLUMNS
+from tests.gallery import make_shape
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.studies.copies import moved
 from tests.studies.machine_parts import Drawing, part

@@ -15,7 +15,7 @@ from service.client import Client, ClientError, ProblemError
 from service.server.process import is_loopback
 from service.server.uvicorn_server import in_thread
 from service.settings import Settings
-from tests.service.cli.conftest import CLASSES, Run
+from tests.service.cli.conftest import CLASSES, Run, child_in_thread
 from tests.service.cli.test_server import free_port
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
@@ -119,6 +119,7 @@ def test_a_local_service_that_wants_a_key_is_not_passed_by(
 def test_the_demo_on_a_machine_with_keys_needs_one(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "CLASSES", CLASSES[:1])
     monkeypatch.setattr(demo, "POSES", 2)
+    monkeypatch.setattr(demo, "ChildService", child_in_thread)
     monkeypatch.setenv("ISOSHAPE_API_KEYS", digest_of(FULL))
     keyless = run("demo", "--check", "--port", free_port())
     assert keyless.status == 1

@@ -11,13 +11,13 @@ import jsonschema_rs
 import pytest
 from pydantic import BaseModel
 
-from service.app import openapi_document
 from service.client import Client, Upload
 from service.duplicates.decision_schemas import Rule
 from service.shapes.bulk_schemas import BulkChange
 from tests.service.cli.awaited import Awaited
+from tests.service.support import document
 
-DOCUMENT = openapi_document()
+DOCUMENT = document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4..", "file_format": "off"}
 LISTED = {"q": "w", "tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}

@@ -9,13 +9,13 @@ from typing import Any
 import httpx
 import pytest
 
-from service.app import openapi_document
 from service.collections.endpoints import HEADER, PARAMETER
 from tests.service.engines import on_both
 from tests.service.jobs.support import ended, pack
 from tests.service.support import (
     Running,
     assert_problem,
+    document,
     serving,
     settings_in,
     small_file,
@@ -45,7 +45,7 @@ WITHOUT = {
 
 DOCUMENTED: dict[Operation, Any] = {
     (method.upper(), path): operation
-    for path, operations in openapi_document()["paths"].items()
+    for path, operations in document()["paths"].items()
     for method, operation in operations.items()
 }
 

@@ -12,7 +12,6 @@ from sqlalchemy import delete
 from core.arrays import Float32s
 from core.embedding import Scores
 from core.evaluation.perturbation import subdivide
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.matching.match_records import score_match_records
 from core.parameters import Parameters
@@ -24,7 +23,7 @@ from service.duplicates.schemas import COLUMNS, FORMULA, Duplicate, DuplicatesAn
 from service.search import scoring
 from service.shapes.schemas import SHAPE, Shape
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
-from tests.people import make_person
+from tests.gallery import make_person, make_shape
 from tests.service.http.test_disconnects import send
 from tests.service.support import Running, assert_problem, wait_until, working_in
 from tests.service.tasks import nap_instead, napping

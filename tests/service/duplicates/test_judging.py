@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import DEFAULT, PAPER
 from service.cli.archives import reembed
@@ -20,6 +19,7 @@ from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow, NeighboursRow, ShapeRow
+from tests.gallery import make_shape
 from tests.service.engines import on_postgresql, url_in
 from tests.service.support import (
     Running,

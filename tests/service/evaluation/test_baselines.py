@@ -6,7 +6,6 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from core.errors import DegenerateMeshError
-from core.gallery import make_shape
 from core.mesh.mesh import Mesh
 from service.evaluation.baselines import (
     BASELINES,
@@ -23,6 +22,7 @@ from service.evaluation.baselines import (
     spectrum,
 )
 from tests.core.shapes import box, icosphere, joined, rectangle, scaled, shifted, soup, turned
+from tests.gallery import make_shape
 
 # All of them
 

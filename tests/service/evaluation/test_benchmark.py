@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -23,6 +22,7 @@ from service.evaluation.benchmark_method import (
 from service.evaluation.benchmark_service import bound_to, processors
 from service.evaluation.benchmark_shapes import NEAR, nearest, read_source, resized, shaken
 from tests.core.shapes import icosphere
+from tests.gallery import make_shape
 
 
 def test_a_spread_is_the_quartiles_with_three_digits():

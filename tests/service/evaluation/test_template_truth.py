@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from core.evaluation.correspondence_errors import TruthErrors
-from core.gallery.bodies import make_body
 from core.io import write_mesh
 from service.datasets import DatasetError
 from service.evaluation.template_truth import OURS, read_truth, study_truth, summary
+from tests.gallery import make_body
 
 
 def write_truth(folder, *labels):

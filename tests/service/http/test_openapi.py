@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from core.io import FORMATS
-from service.app import openapi_document, openapi_text
+from service.app import openapi_text
 from service.http.problem_document import MEDIA_TYPE, Problem
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import QueryAnswer
 from service.settings import PREFIX
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Health, Readiness, Version
-from tests.service.support import Running, pipeline_in_use
+from tests.service.support import Running, document, pipeline_in_use
 
 FILE = Path(__file__).parents[3] / "openapi" / "openapi.json"
 MODELS = (
@@ -32,14 +32,14 @@ MODELS = (
 )
 OPERATIONS = [
     pytest.param(operation, id=f"{method} {path}")
-    for path, operations in openapi_document()["paths"].items()
+    for path, operations in document()["paths"].items()
     for method, operation in operations.items()
 ]
 
 
 def test_the_file_is_the_live_schema(shared: Running) -> None:
-    assert json.loads(FILE.read_text()) == openapi_document()
-    assert shared.client.get("/openapi.json").json() == openapi_document()
+    assert json.loads(FILE.read_text()) == document()
+    assert shared.client.get("/openapi.json").json() == document()
 
 
 def test_writing_it_gives_the_same_bytes_in_another_process() -> None:
@@ -80,7 +80,7 @@ def test_examples_are_what_their_model_says(model: Any) -> None:
 
 
 def test_references_lead_somewhere() -> None:
-    whole = openapi_document()
+    whole = document()
 
     def walk(value: Any) -> None:
         if isinstance(value, dict):
@@ -102,7 +102,7 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
     told = shared.client.get("/version").json()
     assert told["pipeline"] == "default"
     assert told["fingerprint"] == pipeline_in_use(shared).fingerprint
-    assert told["version"] == openapi_document()["info"]["version"]
+    assert told["version"] == document()["info"]["version"]
     formats = {known["name"]: known for known in told["formats"]}
     assert list(formats) == list(FORMATS)
     assert formats["step"]["endings"] == ["step", "stp"]
@@ -111,8 +111,8 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
 
 
 def test_operations_have_ids_of_their_own_and_say_what_they_answer() -> None:
-    operations = [each for path in openapi_document()["paths"].values() for each in path.values()]
+    operations = [each for path in document()["paths"].values() for each in path.values()]
     ids = [operation["operationId"] for operation in operations]
     assert len(set(ids)) == len(ids)
-    ready = openapi_document()["paths"]["/readyz"]["get"]["responses"]["200"]
+    ready = document()["paths"]["/readyz"]["get"]["responses"]["200"]
     assert ready["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/Readiness"}

@@ -10,17 +10,14 @@ import pytest
 
 from core import errors as core_errors
 from service import errors as service_errors
-from service.app import openapi_document
 from service.errors import BY_STATUS, PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import zip_archive
-from tests.service.support import Running, assert_problem, small_file, wait_until
+from tests.service.support import Running, assert_problem, document, small_file, wait_until
 
 METHODS = {"GET", "POST", "PUT", "PATCH", "DELETE"}
 OPERATIONS = [
-    (method.upper(), path)
-    for path, operations in openapi_document()["paths"].items()
-    for method in operations
+    (method.upper(), path) for path, operations in document()["paths"].items() for method in operations
 ]
 
 
@@ -86,7 +83,7 @@ def test_a_request_has_an_id_of_its_own_or_the_one_it_came_with(shared: Running)
 
 
 def test_types_are_documented_and_stable(shared: Running) -> None:
-    schema = openapi_document()["components"]["schemas"]["Problem"]
+    schema = document()["components"]["schemas"]["Problem"]
     assert schema["properties"]["type"]["enum"] == [TYPE_PREFIX + kind for kind in PROBLEMS]
 
 

@@ -9,13 +9,13 @@ from starlette.routing import Route
 
 from core.io import write_mesh
 from service import app
-from service.app import create_app, openapi_document
+from service.app import create_app
 from service.auth.keys import digest_of
 from service.compute.pool import LocalPool
 from service.settings import Settings
 from service.system import endpoints
 from tests.core.shapes import icosphere
-from tests.service.support import Running, assert_problem, module_service
+from tests.service.support import Running, assert_problem, document, module_service
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
 KEYS = {"none": None, "wrong": "isoshape_wrong-key", "read": READ, "full": FULL}
@@ -36,7 +36,7 @@ READING = {("POST", path) for path in ("/query", "/query/batch", "/compare", "/p
 
 DOCUMENTED = {
     (method.upper(), path): operation
-    for path, operations in openapi_document()["paths"].items()
+    for path, operations in document()["paths"].items()
     for method, operation in operations.items()
 }
 
@@ -110,7 +110,7 @@ def test_the_document_says_who_may(method: str, path: str) -> None:
 
 
 def test_the_document_names_the_schemes_that_it_uses() -> None:
-    schemes = openapi_document()["components"]["securitySchemes"]
+    schemes = document()["components"]["securitySchemes"]
     for operation in DOCUMENTED.values():
         assert all(set(each) <= set(schemes) for each in operation["security"])
 
@@ -142,7 +142,7 @@ def test_a_page_with_a_rebound_name_is_refused(shared: Running, method: str, pat
 
 PARAMETERS = [
     pytest.param(method, path, parameter, id=f"{method} {path} {parameter['name']}")
-    for path, operations in openapi_document()["paths"].items()
+    for path, operations in document()["paths"].items()
     for method, operation in operations.items()
     for parameter in operation.get("parameters", [])
     if parameter["in"] == "query"

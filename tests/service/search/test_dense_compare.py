@@ -10,13 +10,13 @@ from PIL import Image
 
 from core.embedding import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
-from core.gallery.bodies import make_body
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.compute import tasks
 from service.rendering import colours as dense_colours
 from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned
+from tests.gallery import make_body
 from tests.service.previews.test_previews import read_glb
 from tests.service.support import Running, assert_problem, small_file
 from tests.studies.copies import moved

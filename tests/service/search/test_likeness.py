@@ -9,7 +9,6 @@ import pytest
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CannotBeEmbeddedError
-from core.gallery.bodies import make_body
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
@@ -18,6 +17,7 @@ from service.search import answer as search_answer
 from service.search import likeness
 from service.search.answer import AT_ONCE, CERTAIN
 from service.search.records import once
+from tests.gallery import make_body
 from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
 from tests.studies.machine_parts import Change, Drawing, part

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from service.collection import CollectionNumber
 from service.container import Container
@@ -16,6 +15,7 @@ from service.search import map
 from service.search.endpoints import MISSING
 from service.search.schemas import MOST_MAPPED
 from tests.core.shapes import box
+from tests.gallery import make_shape
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
 

@@ -8,7 +8,6 @@ import pytest
 from scipy.special import expit
 from sqlalchemy import select
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
 from service.collections.endpoints import HEADER
@@ -19,6 +18,7 @@ from service.storage.checking import check
 from service.storage.copying import copy_archive
 from service.storage.database import Database
 from service.storage.tables import NeighboursRow, ShapeRow
+from tests.gallery import make_shape
 from tests.service.engines import on_both, url_in
 from tests.service.support import (
     Running,

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
 from core.io import write_mesh
 from service.search import answer
 from service.search.records import MatchedCandidates
 from service.search.schemas import RankBy
+from tests.gallery import make_shape
 from tests.service.support import Running, query, serving, settings_in
 
 CUP = write_mesh(make_shape("cup", 0), "off")

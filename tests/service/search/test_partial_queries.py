@@ -3,9 +3,9 @@
 import pytest
 
 from core.evaluation.perturbation import cut_part
-from core.gallery import make_shape
 from core.io import write_mesh
 from service.client import Client
+from tests.gallery import make_shape
 from tests.service.support import Running, query
 
 CLASSES = ("bird", "cup", "octopus", "plane")

@@ -10,7 +10,6 @@ from core.arrays import Float32s
 from core.descriptors.registry import ShapeDescriptors
 from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part
-from core.gallery import make_shape
 from core.io import write_mesh
 from core.parameters import Parameters
 from core.ranking.reranking import quantised_points, rerank
@@ -18,6 +17,7 @@ from service.search import caches, repository, scoring
 from service.search.caches import CandidateReader
 from service.storage.database import ReadSession
 from service.storage.tables import QuantisedPointsRow
+from tests.gallery import make_shape
 from tests.service.support import Running, module_service, query, small_file
 
 LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}

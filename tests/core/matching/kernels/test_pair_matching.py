@@ -5,7 +5,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from core.gallery import make_shape
 from core.matching.kernels.pair_matching import fit_map, refine_map, score_pairs
 from core.matching.kernels.procrustes import EXACT
 from core.matching.match_records import search_rounds
@@ -20,6 +19,7 @@ from tests.core.matching.clouds import (
     record_of,
 )
 from tests.core.matching.reference import match_pair_reference, refine_map_reference, score_pairs_reference
+from tests.gallery import make_shape
 
 K = DEFAULT.spectral.dimensions
 ROUNDS = search_rounds(DEFAULT)
