@@ -13,14 +13,15 @@ import psutil
 
 
 class Cluster:
-    """A scheduler at one address, and workers of one thread."""
+    """A scheduler at one address, and workers of so many threads."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, threads: int = 1) -> None:
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self._port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{self._port}"
         self._folder = folder
+        self._threads = threads
         self._scheduler: subprocess.Popen[bytes] | None = None
         self.workers: list[subprocess.Popen[bytes]] = []
 
@@ -30,8 +31,15 @@ class Cluster:
             options = ["--host", "127.0.0.1", "--port", str(self._port), "--no-dashboard", "--no-show"]
             self._scheduler = self._run("dask_scheduler", *options)
         for _ in range(workers):
-            options = ["--no-nanny", "--nthreads", "1", "--no-dashboard", "--memory-limit", "0"]
-            options += ["--host", "127.0.0.1", "--local-directory", str(self._folder)]
+            options = [
+                "--no-nanny",
+                "--nthreads",
+                str(self._threads),
+                "--no-dashboard",
+                "--memory-limit",
+                "0",
+            ]
+            options += ["--host", "127.0.0.1", "--local-directory", str(self._folder), "--memory-limit", "0"]
             self.workers.append(self._run("dask_worker", self.address, *options))
 
     def kill_worker(self, pid: int | None = None) -> None:
@@ -63,9 +71,9 @@ class Cluster:
 
 
 @contextmanager
-def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
+def cluster(folder: Path, workers: int = 2, threads: int = 1) -> Iterator[Cluster]:
     """A scheduler with workers, which are gone at the end."""
-    made = Cluster(folder)
+    made = Cluster(folder, threads)
     made.start(workers)
     try:
         yield made

@@ -12,6 +12,7 @@ import numpy as np
 from core.errors import EmptyFileError
 from core.mesh.mesh import Mesh
 from core.numerics.guarding import guarded
+from service.compute import tasks
 from service.compute.pool import LocalPool
 from service.compute.tasks import Embedded, embed_mesh
 from service.compute.worker_loop import THREADS
@@ -19,6 +20,11 @@ from service.compute.worker_loop import THREADS
 
 def warm() -> None:
     """Do nothing."""
+
+
+def times_warmed_up() -> int:
+    """The number of pipelines that this process is warm for."""
+    return tasks.warm.cache_info().currsize
 
 
 def fail_to_warm() -> None:

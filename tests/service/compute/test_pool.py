@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Future, wait
 from functools import partial
+from multiprocessing import forkserver
 from pathlib import Path
 
 import psutil
@@ -40,6 +41,16 @@ from tests.service.tasks import (
 Pool = LocalPool | ClusterPool
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _fork_servers_are_light() -> Iterator[None]:
+    """These tests have fork servers killed, and run no kernel."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(processes, "LOADED", ["tests.service.tasks"])
+        yield
+    processes.fork_server()
+    os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
+
+
 @pytest.fixture(scope="module")
 def pool() -> Iterator[LocalPool]:
     with LocalPool(2, seconds=60, warm=warm) as pool:
@@ -48,15 +59,15 @@ def pool() -> Iterator[LocalPool]:
 
 @pytest.fixture(scope="module", params=["local", "cluster"])
 def workers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pool]:
-    """Two workers, each a process here; or a process of a worker of a Dask cluster."""
+    """Two workers, each a process here; or both processes of the worker of a Dask cluster."""
     if request.param == "local":
         yield request.getfixturevalue("pool")
         return
     with (
-        cluster(tmp_path_factory.mktemp("cluster")) as made,
+        cluster(tmp_path_factory.mktemp("cluster"), workers=1, threads=2) as made,
         ClusterPool(made.address, parameters=DEFAULT, seconds=60) as pool,
     ):
-        wait_until(lambda: len(pool.pids()) == 2, seconds=120)
+        wait_until(pool.pids, seconds=120)
         yield pool
 
 
@@ -148,7 +159,7 @@ def test_a_worker_that_dies_costs_the_task_it_had(workers: Pool) -> None:
     with pytest.raises(WorkerLostError):
         dead.result()
     assert [future.result() for future in others] == list(range(1, 11))
-    wait_until(lambda: len(workers.pids()) == 2, seconds=60)
+    wait_until(lambda: workers.pids() and not workers.counts().starting, seconds=60)
 
 
 def fork_server_of(pool: LocalPool) -> int:

@@ -4,17 +4,12 @@ import ctypes
 import errno
 import multiprocessing
 import os
-import pickle
 import platform
 import socket
-import stat
-import struct
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from concurrent.futures import Future
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,16 +41,23 @@ from tests.core.io.step_files import step_box, step_machine, step_sphere
 from tests.core.io.test_glb import BESIDE, BINARY, zipped
 from tests.core.io.test_polygons import PROFILES, prism
 from tests.core.io.threemf_files import model, package
+from tests.service.compute.attempts import (
+    ATTEMPTS,
+    MEMORY,
+    attempt,
+    connect,
+    enter,
+    hold,
+    load,
+    open_for,
+    resolve,
+    send_evil,
+    send_half,
+    spin,
+    start,
+)
 from tests.service.support import children, small_file, wait_until
 from tests.service.tasks import nap, warm
-
-MEMORY = 1024**3
-"""The least that the settings allow. An idle reader takes 760 to 790 MB, and these tests 90 more."""
-
-
-def enter() -> None:
-    """Confine a process that has these tests loaded, since it could not load them any more."""
-    sandbox.enter(MEMORY)
 
 
 @pytest.fixture(scope="module")
@@ -107,48 +109,7 @@ def test_parts_are_read_as_anywhere(readers: LocalPool) -> None:
     assert parts_from_bytes(alone, 0) == []
 
 
-def open_for(path: str, mode: str) -> str | bytes:
-    with open(path, mode) as file:
-        return file.read(1)
-
-
 MODES = ("w", "a", "x", "r+")
-
-
-def resolve(host: str) -> object:
-    return socket.getaddrinfo(host, 80)
-
-
-def connect(port: int) -> None:
-    socket.create_connection(("127.0.0.1", port), timeout=1).close()
-
-
-def start(command: str) -> int:
-    return subprocess.run([command], check=True).returncode
-
-
-ATTEMPTS = {
-    "open": lambda libc, _: libc.open(b"/etc/passwd", os.O_RDONLY),
-    "open the program": lambda libc, _: libc.open(os.__file__.encode(), os.O_RDONLY),
-    "open memory": lambda libc, _: libc.open(b"/proc/self/mem", os.O_RDWR),
-    "write": lambda libc, folder: libc.open(f"{folder}/new".encode(), os.O_WRONLY | os.O_CREAT, 0o600),
-    "create": lambda libc, folder: libc.creat(f"{folder}/new".encode(), 0o600),
-    "remove": lambda libc, folder: libc.unlink(f"{folder}/kept".encode()),
-    "own": lambda libc, folder: libc.chown(f"{folder}/kept".encode(), 0, 0),
-    "mode": lambda libc, folder: libc.chmod(f"{folder}/kept".encode(), 0o777),
-    "connect": lambda libc, _: libc.socket(socket.AF_INET, socket.SOCK_STREAM, 0),
-    "fork": lambda libc, _: libc.fork(),
-    "execute": lambda libc, _: libc.execv(b"/bin/true", None),
-    "kill": lambda libc, _: libc.kill(os.getppid(), 0),
-    "trace": lambda libc, _: libc.ptrace(16, os.getppid(), None, None),
-    "limits of another": lambda libc, _: libc.prlimit(os.getppid(), 7, None, ctypes.create_string_buffer(16)),
-}
-
-
-def attempt(name: str, folder: str) -> list[int]:
-    """Call the C library without Python's help; the result and the error number."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    return [ATTEMPTS[name](libc, folder), ctypes.get_errno()]
 
 
 @pytest.mark.parametrize("name", ATTEMPTS)
@@ -215,43 +176,11 @@ def test_without_the_packages_readers_are_confined_by_python_alone(monkeypatch: 
     assert not sandbox.allow_calls(opening=True)
 
 
-class Evil:
-    """An object that runs a command where it is unpickled."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-
-    def __reduce__(self) -> object:
-        return os.mkdir, (self.path,)
-
-
-def send_evil(path: str) -> None:
-    """Answer by the pipe itself, as native code in the reader could."""
-    answer = pickle.dumps((True, Evil(path)))
-    for descriptor in range(3, 64):
-        with suppress(OSError):
-            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
-                os.write(descriptor, struct.pack("!i", len(answer)) + answer)
-
-
 def test_nothing_that_a_reader_sends_is_unpickled(readers: LocalPool, tmp_path: Path) -> None:
     with pytest.raises(WorkerLostError):
         readers.submit(send_evil, str(tmp_path / "made")).result()
     assert not (tmp_path / "made").exists()
     assert read(readers, small_file(0), "off")[0] is not None
-
-
-def load() -> None:
-    """Do nothing, in a process that then has these tests loaded."""
-
-
-def send_half() -> None:
-    """Begin an answer by the pipe itself, and never end it."""
-    for descriptor in range(3, 64):
-        with suppress(OSError):
-            if stat.S_ISSOCK(os.fstat(descriptor).st_mode):
-                os.write(descriptor, struct.pack("!i", 1000) + b"V")
-    time.sleep(600)
 
 
 def test_half_an_answer_has_the_time_limit_of_the_call() -> None:
@@ -428,12 +357,6 @@ def test_a_task_that_never_ends_is_ended(readers: LocalPool) -> None:
     assert read(readers, step_box(), "step")[0] is not None
 
 
-def spin(seconds: float) -> None:
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
-
-
 def test_a_process_is_replaced_after_so_many_tasks() -> None:
     with LocalPool(1, seconds=60, warm=warm, tasks_each=3) as pool:
         pids = [pool.submit(os.getpid).result() for _ in range(9)]
@@ -462,13 +385,6 @@ def test_a_pool_that_closes_leaves_no_process_that_was_on_its_way() -> None:
     with LocalPool(1, seconds=60, warm=warm, tasks_each=2) as pool:
         pool.submit(os.getpid).result()
     assert children() == others
-
-
-def hold(size: int) -> None:
-    _HELD.append(bytearray(b"x") * size)
-
-
-_HELD: list[bytearray] = []
 
 
 def test_a_process_that_holds_on_to_memory_is_replaced() -> None:
