@@ -82,6 +82,12 @@ def study_truth(
     classes, templates = [str(file.label) for file in files], [str(file.template) for file in files]
     drawn = drawn_pairs(classes, templates, count, seed)
     pairs = [(i, j) for kind in drawn for i, j in kind]
+    lengths = {i: _truth(files[i].path).shape for i in sorted({i for pair in pairs for i in pair})}
+    for i, j in pairs:
+        if lengths[i] != lengths[j]:
+            raise DatasetError(
+                f"{files[i].path} and {files[j].path} share a template, but have truths of different lengths"
+            )
     tasks = [pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)]
     arguments = [([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods)) for task in tasks]
     errors: dict[tuple[int, int], dict[str, TruthErrors]] = {}
@@ -103,10 +109,6 @@ def _errors(task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]]) -> lis
 
 
 def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> TruthErrors:
-    if _truth(first_path).shape != _truth(second_path).shape:
-        raise DatasetError(
-            f"{first_path} and {second_path} share a template, but have truths of different lengths"
-        )
     first, second = _known(first_path, seed), _known(second_path, seed)
     if method == OURS:
         targets = dense_map(first, second, _pipeline())

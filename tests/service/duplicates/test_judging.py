@@ -64,7 +64,7 @@ def running(shared: Running) -> Running:
 
 
 def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
-    for name, data in parts(12):
+    for name, data in parts(10):
         running.store(data, name)
     copies, with_variants = groups_by_force(running.container)
     assert len(copies) >= 2
