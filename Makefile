@@ -70,7 +70,7 @@ help:
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
-	@cmp -s requirements.lock $@ || { echo 'Installing about 480 MB into $(VENV).'; \
+	@cmp -s requirements.lock $@ || { echo 'Installing about 570 MB into $(VENV).'; \
 		cmp -s requirements.lock $(VENV)/.begun || $(PYTHON) -m venv --clear $(VENV); cp requirements.lock $(VENV)/.begun; \
 		$(PIP) install --no-compile --require-hashes --requirement requirements.lock; \
 		$(PIP) uninstall --yes setuptools; \
@@ -152,10 +152,10 @@ openapi: $(RUNTIME)
 
 # The test lock holds the runtime lock's versions, so that what is tested is what runs.
 lock: $(if $(filter $(BIN)/uv,$(UV)),$(DEV))
-	$(COMPILE) pyproject.toml --output-file requirements.lock
-	$(COMPILE) pyproject.toml --extra dev --constraint requirements.lock --output-file tests/requirements.lock
+	$(COMPILE) pyproject.toml --extra views --output-file requirements.lock
+	$(COMPILE) pyproject.toml --extra dev --extra views --constraint requirements.lock --output-file tests/requirements.lock
 	$(COMPILE) pyproject.toml --extra browser --constraint tests/requirements.lock --output-file tests/soak/browser/requirements.lock
-	$(COMPILE) pyproject.toml --extra postgres --extra dask --constraint requirements.lock --output-file docker/cluster.lock
+	$(COMPILE) pyproject.toml --extra postgres --extra dask --extra views --constraint requirements.lock --output-file docker/cluster.lock
 	$(COMPILE) docker/test/requirements.in --constraint requirements.lock --output-file docker/test/requirements.lock
 	$(COMPILE) tests/soak/supply/requirements.in --output-file tests/soak/supply/requirements.lock
 

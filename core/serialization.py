@@ -40,7 +40,7 @@ def embedding_to_bytes(embedding: Embedding) -> bytes:
         "spectra": [spectrum.name for spectrum in embedding.spectra],
     }
     arrays: dict[str, NDArray[Any]] = {name: getattr(embedding, name) for name in _ARRAYS}
-    arrays |= {name: embedding.descriptors[name] for name in DESCRIPTORS}
+    arrays |= {name: embedding.descriptors[name] for name in DESCRIPTORS if name in embedding.descriptors}
     if embedding.orientation.size:
         header["orientation"] = True
         arrays["orientation"] = embedding.orientation
@@ -85,7 +85,7 @@ def embedding_from_bytes(data: bytes) -> Embedding:
                 Spectrum(name, arrays[f"eigenvalues_{i}"], arrays[f"coordinates_{i}"])
                 for i, name in enumerate(header["spectra"])
             ),
-            descriptors={name: arrays[name] for name in DESCRIPTORS},
+            descriptors=_descriptors(arrays),
             orientation=arrays["orientation"] if header.get("orientation") else NO_ORIENTATION,
             **{name: arrays[name] for name in _ARRAYS},
         )
@@ -103,12 +103,18 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
         header = json.loads(arrays["header"].tobytes())
         descriptors = ShapeDescriptors(
             arrays["signature"],
-            {name: arrays[name] for name in DESCRIPTORS},
+            _descriptors(arrays),
             intrinsic_reliability(Facts(**header["facts"])),
         )
     _check(_array_faults("signature", descriptors.signature, *_ARRAYS["signature"]))
     _check(_descriptor_faults(descriptors.arrays))
     return descriptors
+
+
+def _descriptors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the descriptors among the arrays of a record; raise KeyError without one that all have."""
+    optional = {name for name, row in DESCRIPTORS.items() if row.available}
+    return {name: arrays[name] for name in DESCRIPTORS if name in arrays or name not in optional}
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:
@@ -156,7 +162,8 @@ def _header_faults(embedding: Embedding) -> Iterator[str]:
 
 
 def _descriptor_faults(arrays: Mapping[str, NDArray[Any]]) -> Iterator[str]:
-    for name, descriptor in DESCRIPTORS.items():
+    for name in arrays:
+        descriptor = DESCRIPTORS[name]
         shape = arrays[name].shape if arrays[name].shape in descriptor.shapes else descriptor.shapes[0]
         yield from _array_faults(name, arrays[name], descriptor.dtype, shape)
 
@@ -181,5 +188,5 @@ def _array_faults(
     )
     if not fits:
         yield f"{name} has the shape {array.shape}"
-    elif array.dtype == np.float32 and not np.isfinite(array).all():
+    elif np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
         yield f"{name} has a number that is not finite"

@@ -52,7 +52,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         check_finite(sampled.distances, sampled.areas)
 
         # Embed in the spectral domains; describe the surface beside them.
-        spectra, eigenvalues, orientation = spectra_of(surface, sampled, parameters.spectral)
+        spectra, eigenvalues, orientation, spectrum = spectra_of(surface, sampled, parameters.spectral)
         signature = np.concatenate([eigenvalues, GLOBAL_WEIGHT * global_descriptors(surface)])
         facts = measure(mesh, cleaned, frame)
         descriptors = compute_descriptors(
@@ -62,6 +62,7 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
                 opened=lambda: opened(cleaned, parameters),
                 smoothed=smoothed,
                 boundary_ratio=facts.boundary_ratio,
+                eigenvalues=spectrum,
             )
         )
     positions = frame.invert(surface.vertices[samples])

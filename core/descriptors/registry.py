@@ -6,18 +6,24 @@ that `combined` reads go by this table.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Bytes, Float32s, Floats
+from core.arrays import Bytes, Float32s, Floats, Ints
+from core.descriptors.eigenvalues import eigenvalue_distance, log_eigenvalues
 from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.network import FEATURES
+from core.descriptors.network_views import VIEWS, is_available, network_view_distance, network_views
 from core.descriptors.partial import ROW_COUNTS, ROW_LENGTH, describe, whole_distances
-from core.descriptors.views import VIEW_BYTES, view_descriptor, view_distance
+from core.descriptors.view_frames import NormalisedSurface
+from core.descriptors.views import VIEW_BYTES, describe_views, view_distance, view_surface
 from core.embedding import Embedding
 from core.mesh.mesh import Mesh
 from core.parameters import INCOMPLETE
+from core.spectral.spectral_embedding import SPECTRUM
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +42,8 @@ class DescribedSurface:
         Whether the prepared surface was smoothed, since the file's is noisy.
     boundary_ratio : float
         See `core.descriptors.facts.boundary_ratio`.
+    eigenvalues : float64, shape (at most SPECTRUM,)
+        Of the Laplace-Beltrami operator, times the area, ascending.
     """
 
     cleaned: Mesh
@@ -43,6 +51,13 @@ class DescribedSurface:
     opened: Callable[[], Mesh]
     smoothed: bool
     boundary_ratio: float
+    eigenvalues: Floats
+
+    @cached_property
+    def seen(self) -> tuple[NormalisedSurface, Ints]:
+        """The surface as it is, in the frames of its views; noise turns normals, so it is smoothed first."""
+        mesh = self.opened() if self.smoothed else self.cleaned
+        return view_surface(mesh.vertices, mesh.faces)
 
 
 @dataclass(frozen=True)
@@ -61,6 +76,8 @@ class Descriptor:
         Returns the distances between the array of one surface and those of c others, shape (c,), >= 0.
     typical : float
         The typical distance of shapes that are near by eigenvalues or views; it stands for unknown distances.
+    available : callable, optional
+        Returns whether this installation computes the descriptor. Embeddings may lack such a descriptor.
     """
 
     shapes: tuple[tuple[int, ...], ...]
@@ -68,6 +85,7 @@ class Descriptor:
     compute: Callable[[DescribedSurface], NDArray[Any]]
     distance: Callable[[NDArray[Any], Sequence[NDArray[Any]]], Floats]
     typical: float
+    available: Callable[[], bool] | None = None
 
 
 def _spin_images(surface: DescribedSurface) -> Bytes:
@@ -75,12 +93,6 @@ def _spin_images(surface: DescribedSurface) -> Bytes:
     is_incomplete = surface.boundary_ratio > INCOMPLETE
     mesh = surface.opened() if is_incomplete else surface.prepared
     return describe(mesh, boundary_ratio=surface.boundary_ratio)
-
-
-def _views(surface: DescribedSurface) -> Bytes:
-    """Return views of the surface as it is; noise turns normals, so noisy surfaces are smoothed first."""
-    mesh = surface.opened() if surface.smoothed else surface.cleaned
-    return view_descriptor(mesh.vertices, mesh.faces)
 
 
 DESCRIPTORS: dict[str, Descriptor] = {
@@ -94,11 +106,26 @@ DESCRIPTORS: dict[str, Descriptor] = {
     "views": Descriptor(
         shapes=((VIEW_BYTES,),),
         dtype=np.uint8,
-        compute=_views,
+        compute=lambda surface: describe_views(*surface.seen),
         distance=lambda query, others: view_distance(
             query, np.array(others, np.uint8).reshape(-1, VIEW_BYTES)
         ),
         typical=0.76,
+    ),
+    "eigenvalues": Descriptor(
+        shapes=((SPECTRUM,),),
+        dtype=np.float16,
+        compute=lambda surface: log_eigenvalues(surface.eigenvalues),
+        distance=eigenvalue_distance,
+        typical=0.1,
+    ),
+    "network_views": Descriptor(
+        shapes=((VIEWS, FEATURES),),
+        dtype=np.int8,
+        compute=lambda surface: network_views(*surface.seen),
+        distance=network_view_distance,
+        typical=0.4,
+        available=is_available,
     ),
 }
 """The descriptors by name. An embedding changes with this table: raise `core.parameters.METHOD_VERSION`."""
@@ -112,7 +139,7 @@ class ShapeDescriptors:
     ----------
     signature : float32, shape (s,)
     arrays : dict
-        An array for each of `DESCRIPTORS`, by name.
+        An array for each of `DESCRIPTORS`, by name, but for those that are not available everywhere.
     reliability : float
         `core.descriptors.facts.intrinsic_reliability`, in (0, 1].
     """
@@ -128,8 +155,13 @@ class ShapeDescriptors:
 
 
 def compute_descriptors(surface: DescribedSurface) -> dict[str, NDArray[Any]]:
-    """Return the array of each of `DESCRIPTORS`, by name; raise DegenerateMeshError if there is no area."""
-    return {name: descriptor.compute(surface) for name, descriptor in DESCRIPTORS.items()}
+    """Return the array of each of `computed_descriptors`; raise DegenerateMeshError if there is no area."""
+    return {name: DESCRIPTORS[name].compute(surface) for name in computed_descriptors()}
+
+
+def computed_descriptors() -> tuple[str, ...]:
+    """Return the names of the descriptors that this installation computes."""
+    return tuple(name for name, row in DESCRIPTORS.items() if row.available is None or row.available())
 
 
 def descriptors_of(embedding: Embedding) -> ShapeDescriptors:
@@ -139,8 +171,17 @@ def descriptors_of(embedding: Embedding) -> ShapeDescriptors:
 
 
 def descriptor_distances(query: ShapeDescriptors, others: Sequence[ShapeDescriptors]) -> dict[str, Floats]:
-    """Return the distances of each descriptor between one shape and c others, shape (c,), by name."""
-    return {
-        name: descriptor.distance(query.arrays[name], [other.arrays[name] for other in others])
-        for name, descriptor in DESCRIPTORS.items()
-    }
+    """Return the distances of each descriptor between one shape and c others, shape (c,), by name.
+
+    They are NaN where one of two shapes lacks the descriptor.
+    """
+    return {name: _distances(name, query, others) for name in DESCRIPTORS}
+
+
+def _distances(name: str, query: ShapeDescriptors, others: Sequence[ShapeDescriptors]) -> Floats:
+    distances = np.full(len(others), np.nan)
+    known = np.array([name in query.arrays and name in other.arrays for other in others], dtype=bool)
+    if known.any():
+        arrays = [other.arrays[name] for other, is_known in zip(others, known, strict=True) if is_known]
+        distances[known] = DESCRIPTORS[name].distance(query.arrays[name], arrays)
+    return distances

@@ -11,7 +11,7 @@ import numpy as np
 
 from core.arrays import Bytes, Floats, Ints
 from core.descriptors.panorama import CHANNELS, frequency_radii, kept, magnitudes, panoramas
-from core.descriptors.view_frames import FRAMES, normalised_surface
+from core.descriptors.view_frames import FRAMES, NormalisedSurface, normalised_surface
 from core.numerics.compilation import compiled_for_reading
 from core.numerics.radix_sort import lexical_order
 from core.sampling.surface_samples import evenly_spread_shares
@@ -134,9 +134,18 @@ def view_descriptor(vertices: Floats, faces: Ints) -> Bytes:
     DegenerateMeshError
         The surface has no area.
     """
+    return describe_views(*view_surface(vertices, faces))
+
+
+def view_surface(vertices: Floats, faces: Ints) -> tuple[NormalisedSurface, Ints]:
+    """Return a surface in its frames, and its faces in an order that depends on the vertices alone."""
     faces = np.sort(faces, axis=1)
     faces = faces[lexical_order(*faces.T)]
-    surface = normalised_surface(vertices, faces)
+    return normalised_surface(vertices, faces), faces
+
+
+def describe_views(surface: NormalisedSurface, faces: Ints) -> Bytes:
+    """Return the view descriptor of what `view_surface` returns."""
     shares, chosen = evenly_spread_shares(surface.areas, POINTS)
     points = np.einsum("pc,pcx->px", shares, surface.points[faces[chosen]])
     normals = surface.normals[chosen]

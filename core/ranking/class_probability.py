@@ -5,6 +5,8 @@ because they look alike from outside (views). Each expert gives log odds that ar
 differences. The log odds of a pair are the mean of both experts', weighted by the reliability of the pair's
 intrinsic description: a logarithmic opinion pool (C. Genest, J. V. Zidek, "Combining probability
 distributions", Statistical Science 1, 1986).
+
+Views that a network sees count where both shapes have them; pairs without have models of their own.
 """
 
 from collections.abc import Sequence
@@ -31,6 +33,19 @@ views. Smaller differences occur between meshes of one shape."""
 FINEST, FINE = 0.002, 0.05
 """The eigenvalues of nearly isometric surfaces tell individuals apart down to the spectral distance `FINEST`;
 beyond `FINE` the other features do."""
+
+BONUS = 2.0
+"""Weight of the logarithm of their ratio in the log odds."""
+
+AGREED = 0.02
+"""Spectral distance at which all `core.spectral.spectral_embedding.SPECTRUM` eigenvalues count as much as the
+first: where a pose stretches the surface, the first differ by more, and the fine end is noise."""
+
+NETWORK_FLOOR = 0.05
+"""Added to a distance between views that a network sees, before its logarithm."""
+
+LEAST_NETWORK_DENSITY = 0.05
+"""As `LEAST_VIEW_DENSITY`, for views that a network sees."""
 
 LEAST_SPECTRAL_DENSITY, LEAST_VIEW_DENSITY = 0.02, 0.6
 """Smaller distances to the seventh neighbour count as these: many stored copies of a shape would make its
@@ -66,36 +81,54 @@ class Calibration:
         return np.asarray(expit(self.log_odds(features) + offset))
 
 
-CALIBRATED_POOL = Calibration(
-    intercept=3.6626,
+CALIBRATED_PLAIN_POOL = Calibration(
+    intercept=3.7107,
     slopes=(
-        *(-1.7913, -2.3199, -0.8079, -0.9771, -7.4987),
-        *(-5.0388, 1.6454, 0.3498, 0.5103, 0.9462, -5.5943),
-        *(11.5248, 12.4606, 5.3758),
+        *(-1.8122, -1.9098, -0.8078, -0.8863, -7.4822, -5.1096),
+        *(1.6455, 0.0179, 0.5102, 0.8456, -5.6294, 11.4944),
+        *(12.4651, 5.4817),
+    ),
+)
+CALIBRATED_PLAIN_PARTS = Calibration(
+    intercept=-0.1794,
+    slopes=(
+        *(-3.1833, -0.5886, -6.0314, -0.5023, -1.5061, -5.8242),
+        *(0.5190, -2.5064, 3.0385, 0.0211, 1.5903, 0.3745),
+        *(2.3527, -7.9590, -1.1952, 21.0485),
+    ),
+)
+CALIBRATED_POOL = Calibration(
+    intercept=3.4311,
+    slopes=(
+        *(-1.6546, -1.4728, -0.7729, -0.2486, -1.8949, -4.6497),
+        *(1.5177, -0.4246, 0.5114, 0.1618, -8.6053, 7.0729),
+        *(11.4475, 5.1396, -7.8043, 4.2229, 6.1533, -4.0359),
     ),
 )
 CALIBRATED_PARTS = Calibration(
-    intercept=-0.3042,
+    intercept=9.9978,
     slopes=(
-        *(-3.1737, -0.6561, -5.7893, -0.5111, -1.4805, -5.8213, 0.4985),
-        *(-2.3657, 3.0283, 0.1236, 1.1437, 0.3922, 2.3248, -7.9636, -1.1560),
-        21.0079,
+        *(-3.7027, -0.1890, -5.4052, -0.4588, -0.2759, -0.7924),
+        *(0.6772, -15.9185, 3.8409, -0.6764, 2.3635, 0.5276),
+        *(1.0771, -6.4377, -1.5110, 9.1534, -11.4125, 5.8323),
+        *(25.2300, -22.9992),
     ),
 )
-"""The models of pairs of complete surfaces and of pairs with an incomplete surface.
-`isoshape calibrate psb shrec11 webmodels` fitted them; docs/results.md has their errors."""
+"""The models of pairs of complete surfaces and of pairs with an incomplete surface, with the views that a
+network sees and, plain, without. `isoshape calibrate psb shrec11 webmodels` fitted them; docs/results.md has
+their errors."""
 
-PART_FEATURES = 16
-"""Number of features of pairs with an incomplete surface."""
+PART_FEATURES, NETWORK_FEATURES = 16, 4
+"""Numbers of features of pairs with an incomplete surface, and of those of the views that a network sees."""
 
 
-def features(differences: PairDifferences) -> Floats:
-    """Compute features of the pairs, shape (..., 14), linear in the log odds of both experts.
+def features(differences: PairDifferences, *, network: bool = False) -> Floats:
+    """Compute features of the pairs, shape (..., 14) or (..., 18), linear in the log odds of both experts.
 
     With R the reliability and the weight w = 1 - R GATE^3 / (s^3 + GATE^3) of the spectral distance s, the
     first five are log(w d + floor) of each difference d of `FLOORS`. Then follow 1 - R, its products with the
     first five, and the logarithms of the densities, by views for both kinds of shapes and by eigenvalues for
-    reliable ones.
+    reliable ones. With `network` follow those of the views that a network sees.
     """
     s, reliability = differences.spectral, differences.reliability
     weight = 1.0 - reliability * GATE**3 / (s**3 + GATE**3)
@@ -104,14 +137,27 @@ def features(differences: PairDifferences) -> Floats:
     views = _log_view_density(differences)
     spectral = np.log(np.maximum(differences.spectral_density, LEAST_SPECTRAL_DENSITY) + SPECTRAL_FLOOR)
     densities = [reliability * views, soup * views, reliability * spectral]
-    return np.stack([*logs, soup, *(soup * each for each in logs), *densities], axis=-1)
+    seen = _network_features(differences, weight) if network else []
+    return np.stack([*logs, soup, *(soup * each for each in logs), *densities, *seen], axis=-1)
 
 
-def part_features(differences: PairDifferences) -> Floats:
+def _network_features(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
+    """Return log(weight d + floor) of the distance d that a network sees, and the logarithm of its density.
+
+    Each is followed by its product with 1 - R.
+    """
+    seen = np.log(weight * differences.distances["network_views"] + NETWORK_FLOOR)
+    density = np.log(np.maximum(differences.network_density, LEAST_NETWORK_DENSITY))
+    soup = 1.0 - differences.reliability
+    return [seen, soup * seen, density, soup * density]
+
+
+def part_features(differences: PairDifferences, *, network: bool = False) -> Floats:
     """Compute features of pairs with an incomplete surface, shape (..., PART_FEATURES).
 
     First log(part_distance + floor); then those of `features` with weight 1, with log(s + SPECTRAL_FLOOR)
-    beside the differences, and of the densities that of the views alone.
+    beside the differences, and of the densities that of the views alone. With `network`, NETWORK_FEATURES
+    follow.
     """
     logs = [
         np.log(differences.part_distance + PART_FLOOR),
@@ -119,7 +165,9 @@ def part_features(differences: PairDifferences) -> Floats:
         np.log(differences.spectral + SPECTRAL_FLOOR),
     ]
     soup = 1.0 - differences.reliability
-    return np.stack([*logs, soup, *(soup * each for each in logs), _log_view_density(differences)], axis=-1)
+    seen = _network_features(differences, 1.0) if network else []
+    density = _log_view_density(differences)
+    return np.stack([*logs, soup, *(soup * each for each in logs), density, *seen], axis=-1)
 
 
 def _log_view_density(differences: PairDifferences) -> Floats:
@@ -139,22 +187,32 @@ def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
 
 
 def isometry_bonus(differences: PairDifferences) -> Floats:
-    """Return the bonus to the log odds of nearly isometric surfaces, shape (...): 0 to 3.3, not fitted.
+    """Return the bonus to the log odds of nearly isometric surfaces, shape (...): 0 to 6.5, not fitted.
 
     The nearer the eigenvalues, the larger the bonus. Collections of classes cannot show it, since all nearly
-    isometric surfaces are of one class there.
+    isometric surfaces are of one class there. The fine end of the spectrum counts as far as the coarse end
+    agrees.
     """
     s = differences.spectral
-    return np.asarray(-differences.reliability * np.log((s + FINEST) / (s + FINE)))
+    agreement = AGREED**2 / (AGREED**2 + s**2)
+    distance = s + agreement * (differences.distances["eigenvalues"] - s)
+    return np.asarray(-BONUS * differences.reliability * np.log((distance + FINEST) / (distance + FINE)))
 
 
 def pooled_log_odds(differences: PairDifferences) -> Floats:
     """Compute log odds that pairs are of one class, shape (...). Probabilities saturate; they do not."""
-    return np.where(
-        differences.part,
-        CALIBRATED_PARTS.log_odds(part_features(differences)),
-        CALIBRATED_POOL.log_odds(features(differences)) + isometry_bonus(differences),
+    plain, seen = (
+        np.where(
+            differences.part,
+            parts.log_odds(part_features(differences, network=network)),
+            pool.log_odds(features(differences, network=network)) + isometry_bonus(differences),
+        )
+        for pool, parts, network in (
+            (CALIBRATED_PLAIN_POOL, CALIBRATED_PLAIN_PARTS, False),
+            (CALIBRATED_POOL, CALIBRATED_PARTS, True),
+        )
     )
+    return np.where(np.isnan(differences.distances["network_views"]), plain, seen)
 
 
 def pooled_probability(differences: PairDifferences) -> Floats:

@@ -1,7 +1,7 @@
 """Differences between one shape and several others: exact from all descriptors, or coarse from short ones.
 
 Signatures and reliabilities give exact differences; view signatures give approximate view distances. Typical
-values stand for all others.
+values stand for all others, and nothing for views that a network sees.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,13 @@ from core.descriptors.partial import descriptor_distance
 from core.descriptors.registry import DESCRIPTORS, ShapeDescriptors, descriptor_distances
 from core.descriptors.views import signature_distance
 from core.embedding import Scores
-from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, LocalDensities, typical_densities
+from core.ranking.local_density import (
+    TYPICAL_NETWORK,
+    TYPICAL_SPECTRAL,
+    TYPICAL_VIEW,
+    LocalDensities,
+    typical_densities,
+)
 from core.ranking.shortlist import global_distances, spectral_distances
 
 
@@ -30,7 +36,8 @@ class PairDifferences:
     spectral, global_distance : float64, shape (c,)
         Distances between the eigenvalues and between the global descriptors of two signatures, >= 0.
     distances : dict of float64, each of shape (c,)
-        The distances of each descriptor, by name, >= 0: see `core.descriptors.registry`.
+        The distances of each descriptor, by name, >= 0, NaN where a shape lacks it: see
+        `core.descriptors.registry`.
     part : bool, shape (c,)
         Whether one or both surfaces are incomplete.
     part_distance : float64, shape (c,)
@@ -38,8 +45,9 @@ class PairDifferences:
         spin images for complete surfaces.
     reliability : float64, shape (c,)
         Geometric mean of both shapes' reliabilities, in (0, 1].
-    spectral_density, view_density : float64, shape (c,)
-        Geometric means of both shapes' distances to their seventh neighbours, by eigenvalues and by views.
+    spectral_density, view_density, network_density : float64, shape (c,)
+        Geometric means of both shapes' distances to their seventh neighbours, by eigenvalues, by views, and
+        by views that a network sees.
     """
 
     cc: Floats
@@ -52,6 +60,7 @@ class PairDifferences:
     reliability: Floats
     spectral_density: Floats
     view_density: Floats
+    network_density: Floats
 
 
 def differences_of(
@@ -86,11 +95,15 @@ def differences_of(
         reliability=np.sqrt(query.reliability * np.array([other.reliability for other in others])),
         spectral_density=np.sqrt(query_density.spectral * densities.spectral),
         view_density=np.sqrt(query_density.view * densities.view),
+        network_density=np.sqrt(query_density.network * densities.network),
     )
 
 
 VIEW_SCALE = 1.0 / 1900.0
 """View distance over the distance of view signatures, the mean of pairs of many kinds."""
+
+EIGENVALUE_SCALE = 0.7
+"""Distance of many eigenvalues over the spectral distance, typical of near shapes."""
 
 TYPICAL_SIM = 0.5
 """The typical sim of shapes that are near by eigenvalues or views."""
@@ -129,6 +142,8 @@ def coarse_differences(
     spectral = spectral_distances(query.signatures[0], others.signatures)
     distances = {name: np.full(count, descriptor.typical) for name, descriptor in DESCRIPTORS.items()}
     distances["views"] = VIEW_SCALE * views.astype(np.float64)
+    distances["eigenvalues"] = EIGENVALUE_SCALE * spectral
+    distances["network_views"] = np.full(count, np.nan)
     return PairDifferences(
         cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,
         sim=np.full(count, TYPICAL_SIM),
@@ -140,4 +155,5 @@ def coarse_differences(
         reliability=np.sqrt(query.reliabilities[0] * others.reliabilities.astype(np.float64)),
         spectral_density=np.full(count, TYPICAL_SPECTRAL),
         view_density=np.full(count, TYPICAL_VIEW),
+        network_density=np.full(count, TYPICAL_NETWORK),
     )

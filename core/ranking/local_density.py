@@ -9,10 +9,12 @@ global scaling reduce hubs in space", JMLR 13, 2012.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from core.arrays import Bytes, Floats
+from core.arrays import Bytes, Floats, Int8s
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
+from core.descriptors.network_views import network_view_distance
 from core.descriptors.registry import ShapeDescriptors
 from core.descriptors.views import (
     SIGNATURE_BYTES,
@@ -23,10 +25,13 @@ from core.descriptors.views import (
 )
 from core.ranking.shortlist import least
 
+NETWORK = "network_views"
+"""The name of the descriptor that some shapes lack."""
+
 NEIGHBOUR = 7
 """The neighbour whose distance measures the density."""
 
-TYPICAL_SPECTRAL, TYPICAL_VIEW = 0.14, 0.76
+TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK = 0.14, 0.76, 0.45
 """Distances to the seventh neighbour, the mean of the medians of the collections of the calibration."""
 
 ENOUGH = 100
@@ -39,17 +44,19 @@ class LocalDensities:
 
     Attributes
     ----------
-    spectral, view : float64, shape (c,)
-        By eigenvalues, and by views, > 0.
+    spectral, view, network : float64, shape (c,)
+        By eigenvalues, by views, and by views that a network sees, > 0.
     """
 
     spectral: Floats
     view: Floats
+    network: Floats
 
 
 def typical_densities(count: int) -> LocalDensities:
     """Return the densities of `count` shapes where no stored shapes are known."""
-    return LocalDensities(np.full(count, TYPICAL_SPECTRAL), np.full(count, TYPICAL_VIEW))
+    typical = (TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK)
+    return LocalDensities(*(np.full(count, distance) for distance in typical))
 
 
 def neighbour_distances(distances: Floats, typical: float) -> Floats:
@@ -63,7 +70,7 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
     distances : float64, shape (c, m)
         Distances to the m shapes of a sample, >= 0; inf between a shape and itself.
     typical : float
-        `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
+        `TYPICAL_SPECTRAL`, `TYPICAL_VIEW` or `TYPICAL_NETWORK`.
     """
     others = np.isfinite(distances).sum(axis=1)
     if not distances.shape[1]:
@@ -94,11 +101,17 @@ class DensitySample:
         The part of their signatures without global descriptors.
     view_signatures : uint8, shape (m, SIGNATURE_BYTES)
     views : uint8, shape (m, VIEW_BYTES)
+    network_views : list of int8 arrays
+        Of those that have them.
+    with_network : bool, shape (m,)
+        Whether a shape is one of those.
     """
 
     eigenvalues: Floats
     view_signatures: Bytes
     views: Bytes
+    network_views: list[Int8s]
+    with_network: NDArray[np.bool_]
 
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
@@ -109,6 +122,8 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
         _eigenvalues(shapes),
         np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
         np.array(views, dtype=np.uint8).reshape(len(shapes), VIEW_BYTES),
+        [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays],
+        np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
     )
 
 
@@ -132,8 +147,24 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         nearest = nearest[np.isfinite(near[nearest])]
         row[nearest] = view_distance(shape.arrays["views"], sample.views[nearest])
     return LocalDensities(
-        neighbour_distances(spectral, TYPICAL_SPECTRAL), neighbour_distances(views, TYPICAL_VIEW)
+        neighbour_distances(spectral, TYPICAL_SPECTRAL),
+        neighbour_distances(views, TYPICAL_VIEW),
+        neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK),
     )
+
+
+def _network_distances(sample: DensitySample, shapes: list[ShapeDescriptors], spectral: Floats) -> Floats:
+    """Return the distances by views of a network between c shapes and those of a sample that have them.
+
+    They are infinite between a shape and itself, and from a shape without such views.
+    """
+    known = sample.with_network
+    distances = np.full((len(shapes), int(known.sum())), np.inf)
+    for row, others, shape in zip(distances, spectral[:, known], shapes, strict=True):
+        if len(row) and NETWORK in shape.arrays:
+            measured = network_view_distance(shape.arrays[NETWORK], sample.network_views)
+            row[:] = np.where(np.isinf(others), np.inf, measured)
+    return distances
 
 
 def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:

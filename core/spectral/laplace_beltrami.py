@@ -23,10 +23,11 @@ a flower or a brush."""
 MORE = 4
 """Number of extra eigenvalues that ARPACK computes: it may find a further copy of an eigenvalue late."""
 
-SHIFT = 10.0
+SHIFT = 100.0
 """Number that is added to the eigenvalues, times the area: it makes the matrix positive definite. The first
-eigenvalue of a sphere is 25 / area. If all eigenvalues are shifted by far less, the first ones of the inverse
-are far above the others, and Lanczos vectors lose their orthogonality to those functions in every step."""
+eigenvalue of a sphere is 25 / area, the thirtieth about 380. If all eigenvalues are shifted by far less, the
+first ones of the inverse are far above the others, and Lanczos vectors lose their orthogonality to those
+functions in every step; by far more, and all are alike."""
 
 
 def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Floats]:
@@ -64,7 +65,14 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
 
 
 def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tuple[Floats, Floats]:
-    """Return the first `count` eigenpairs after the constant one, L phi = lambda M phi.
+    """Return the first `count` eigenpairs after the constant one, as `laplace_beltrami_spectrum` does."""
+    return laplace_beltrami_spectrum(mesh, count, 0, bridges)[:2]
+
+
+def laplace_beltrami_spectrum(
+    mesh: Mesh, count: int, more: int, bridges: Ints | None = None
+) -> tuple[Floats, Floats, Floats]:
+    """Return the first `count` eigenpairs after the constant one, L phi = lambda M phi, and more eigenvalues.
 
     Parameters
     ----------
@@ -72,6 +80,8 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
         Of n vertices.
     count : int
         Less than n.
+    more : int
+        Number of eigenvalues without eigenfunctions, which have a relative error of about 1e-3.
     bridges : int64, shape (components - 1, 2), optional
         As for `laplacian`.
 
@@ -81,13 +91,16 @@ def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tup
         Eigenvalues, ascending, in units of 1 / length^2.
     float64, shape (n, count)
         Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
+    float64, shape (at most more,)
+        The first eigenvalues, ascending. There are fewer if n is too small, or if more than a hundred are
+        nearly equal.
     """
     stiffness, areas = laplacian(mesh, bridges)
     if len(areas) < max(DENSE_BELOW, 4 * count):
-        values, vectors = _dense(stiffness, areas, count)
+        values, vectors, spectrum = _dense(stiffness, areas, count, more)
     else:
-        values, vectors = _sparse(stiffness, areas, count)
-    return np.maximum(values, 0.0), vectors / np.sqrt(areas)[:, None]
+        values, vectors, spectrum = _sparse(stiffness, areas, count, more)
+    return np.maximum(values, 0.0), vectors / np.sqrt(areas)[:, None], np.maximum(spectrum, 0.0)
 
 
 def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array:
@@ -102,24 +115,26 @@ def scaled(stiffness: csc_array, areas: Floats, shift: float = 0.0) -> csc_array
     return csc_array((values, rows, stiffness.indptr), shape=stiffness.shape)
 
 
-def _dense(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return eigenpairs of the scaled matrix, without the constant function, by the dense solver."""
+def _dense(stiffness: csc_array, areas: Floats, count: int, more: int) -> tuple[Floats, Floats, Floats]:
+    """Return eigenpairs of the scaled matrix, without the constant function, and more eigenvalues."""
     matrix = scaled(stiffness, areas).toarray()
-    values, vectors = eigh(matrix, subset_by_index=(0, count), check_finite=False)
-    return values[1:], vectors[:, 1:]
+    last = min(max(count, more), len(areas) - 1)
+    values, vectors = eigh(matrix, subset_by_index=(0, last), check_finite=False)
+    return values[1 : count + 1], vectors[:, 1 : count + 1], values[1 : more + 1]
 
 
-def _sparse(stiffness: csc_array, areas: Floats, count: int) -> tuple[Floats, Floats]:
+def _sparse(stiffness: csc_array, areas: Floats, count: int, more: int) -> tuple[Floats, Floats, Floats]:
     """Return what `_dense` returns, by `core.spectral.lanczos`, or by ARPACK where this does not converge."""
     area = float(areas.sum())
     factor = SymmetricFactor(scaled(stiffness, areas, SHIFT / area))
     try:
-        values, vectors = least_eigenpairs(factor, np.sqrt(areas / area), count)
+        values, vectors, spectrum = least_eigenpairs(factor, np.sqrt(areas / area), count, more)
     except LinAlgError:
         if len(areas) <= DENSE_UP_TO:
-            return _dense(stiffness, areas, count)
+            return _dense(stiffness, areas, count, more)
         values, vectors = _with_restarts(factor, len(areas), count)
-    return values - SHIFT / area, vectors
+        spectrum = values[:more]
+    return values - SHIFT / area, vectors, spectrum - SHIFT / area
 
 
 def _with_restarts(factor: SymmetricFactor, size: int, count: int) -> tuple[Floats, Floats]:

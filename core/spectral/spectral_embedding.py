@@ -16,11 +16,14 @@ from core.spectral.affinity import (
     oriented,
     sampled_eigenpairs,
 )
-from core.spectral.laplace_beltrami import laplace_beltrami
+from core.spectral.laplace_beltrami import laplace_beltrami_spectrum
 from core.spectral.orientation import ORIENTED, ORIENTING, face_signs, quantised_areas, signed_areas
 
 FADED = 1e-6
 """Least squared weight of a tapered column, over the largest; the spline needs every dimension."""
+
+SPECTRUM = 150
+"""Number of eigenvalues of the Laplace-Beltrami operator that tell individuals apart."""
 
 FAINTEST = 1e-2
 """Lower limit of an eigenvalue times the area; a tube a thousand times as long as wide has 0.03."""
@@ -53,8 +56,8 @@ class SampledSurface:
 
 def spectra_of(
     surface: Mesh, points: SampledSurface, wanted: SpectralParameters
-) -> tuple[tuple[Spectrum, ...], Floats, Int8s]:
-    """Return the spectral embeddings that the parameters name, the signature and the orientation.
+) -> tuple[tuple[Spectrum, ...], Floats, Int8s, Floats]:
+    """Return the spectral embeddings that the parameters name, signature, orientation and eigenvalues.
 
     The surface is in its normal frame.
 
@@ -66,8 +69,11 @@ def spectra_of(
         The signature of eigenvalues.
     int8, shape (m, p)
         See `core.embedding.Embedding.orientation`.
+    float64, shape (at most SPECTRUM,)
+        The first eigenvalues of the Laplace-Beltrami operator times the area, ascending; none if the
+        parameters do not ask for the operator.
     """
-    orientation = NO_ORIENTATION
+    orientation, spectrum = NO_ORIENTATION, np.empty(0)
     spectra: list[Spectrum] = []
     signature: list[Floats] = []
     if "affinity" in wanted.operators or wanted.affinity_values:
@@ -80,11 +86,11 @@ def spectra_of(
         ).astype(np.float32)
         spectra.append(Spectrum("affinity", values.astype(np.float32), coordinates))
     if "laplace-beltrami" in wanted.operators or wanted.laplacian_values:
-        values, functions = laplace_beltrami(
-            surface, max(wanted.dimensions + 1, wanted.laplacian_values), points.bridges
-        )
+        count = max(wanted.dimensions + 1, wanted.laplacian_values)
+        values, functions, spectrum = laplace_beltrami_spectrum(surface, count, SPECTRUM, points.bridges)
         areas = face_areas(surface.vertices, surface.faces)
         area = float(areas.sum())
+        spectrum = spectrum * area
         signature.append(laplacian_signature(values[: wanted.laplacian_values], area))
         chosen = oriented(values, functions[points.vertices], wanted.dimensions)
         coordinates = spectral_coordinates(
@@ -98,7 +104,7 @@ def spectra_of(
             orientation = quantised_areas(turns)
     spectra = [spectrum for spectrum in spectra if spectrum.name in wanted.operators]
     spectra.sort(key=lambda spectrum: wanted.operators.index(spectrum.name))
-    return tuple(spectra), np.concatenate(signature), orientation
+    return tuple(spectra), np.concatenate(signature), orientation, spectrum
 
 
 def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper: bool = False) -> Floats:

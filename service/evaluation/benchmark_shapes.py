@@ -85,7 +85,13 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     spectra = tuple(
         replace(spectrum, coordinates=noisy(spectrum.coordinates, strength)) for spectrum in embedding.spectra
     )
-    shaken = replace(embedding, spectra=spectra, signature=noisy(embedding.signature, 0.25 * strength))
+    eigenvalues = noisy(embedding.descriptors["eigenvalues"].astype(np.float32), 0.25 * strength)
+    shaken = replace(
+        embedding,
+        spectra=spectra,
+        signature=noisy(embedding.signature, 0.25 * strength),
+        descriptors={**embedding.descriptors, "eigenvalues": eigenvalues.astype(np.float16)},
+    )
     if other is None:
         return shaken
     views, others = embedding.descriptors["views"], other.descriptors["views"]
@@ -94,4 +100,5 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     if not is_part(spin_images):
         rows = rng.random(len(spin_images)) < 2.0 * strength
         spin_images[rows] = other.descriptors["spin_images"][: len(spin_images)][rows]
-    return replace(shaken, descriptors={"spin_images": spin_images, "views": mixed})
+    descriptors = {**shaken.descriptors, "spin_images": spin_images, "views": mixed}
+    return replace(shaken, descriptors=descriptors)

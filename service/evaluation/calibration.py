@@ -13,6 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from core.arrays import Floats
+from core.descriptors.network_views import is_available
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.embedding import Embedding, Scores
 from core.evaluation.calibration import BINS, LabelledPairs, Reliability, fit, leave_class_out, reliability
@@ -23,7 +24,13 @@ from core.mesh.cleaning import clean
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.class_probability import PART_FEATURES, features, isometry_bonus, part_features
+from core.ranking.class_probability import (
+    NETWORK_FEATURES,
+    PART_FEATURES,
+    features,
+    isometry_bonus,
+    part_features,
+)
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in, density_sample
 from service.console import counted, progress, say
@@ -119,7 +126,10 @@ def part_pairs(files: Files, workers: int | None) -> list[LabelledPairs]:
         done = counted(bar, "incomplete queries", count * len(LEVELS))
         with stored(embeddings) as path:
             for perturb, amount in LEVELS:
-                pairs, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
+                pairs, asked = (
+                    np.zeros((count, count, PART_FEATURES + _more())),
+                    np.zeros((count, count), dtype=bool),
+                )
                 query = partial(_part_features, path, perturb, amount)
                 for i, row in enumerate(in_order(pool, query, [path for path, _ in files], done)):
                     if isinstance(row, str):
@@ -131,11 +141,23 @@ def part_pairs(files: Files, workers: int | None) -> list[LabelledPairs]:
 
 
 def _part_features(embeddings: Path, perturb: Perturb, amount: float, path: Path) -> Floats | str | None:
-    """Return features of a perturbed file and the gallery, (n, PART_FEATURES); None if it looks complete."""
+    """Return features of a perturbed file and of the gallery, shape (n, p); None if it looks complete."""
     asked = perturbed_query(embeddings, perturb, amount, 0, path)
     if isinstance(asked, str):
         return asked
-    return part_features(asked.differences) if asked.differences.part.all() else None
+    if not asked.differences.part.all():
+        return None
+    return part_features(asked.differences, network=is_available())
+
+
+def _more() -> int:
+    """Return the number of features that the extra `views` adds."""
+    return NETWORK_FEATURES if is_available() else 0
+
+
+def _plain(pairs: Sequence[LabelledPairs]) -> list[LabelledPairs]:
+    """Return the pairs without the features that the extra `views` adds."""
+    return [replace(some, features=some.features[..., : some.features.shape[-1] - _more()]) for some in pairs]
 
 
 def study(
@@ -152,10 +174,11 @@ def study(
     -------
     dict
         The object that `--json` prints: the model of complete pairs; `incomplete`, the model of pairs with an
-        incomplete shape, and how it judges shapes made incomplete; `together`, over all collections, each
-        with the same weight; `collections`, by both models, each for its pairs. NN, FT and ST are those of
-        the ranking by these probabilities; of incomplete shapes NN alone, by which the most probable whole
-        shape, except their own, is of their class.
+        incomplete shape, and how it judges shapes made incomplete; `plain` and `plain_incomplete`, both
+        models without the features of a network, equal to the others where it is not installed; `together`,
+        over all collections, each with the same weight; `collections`, by both models, each for its pairs.
+        NN, FT and ST are those of the ranking by these probabilities; of incomplete shapes NN alone, by which
+        the most probable whole shape, except their own, is of their class.
 
     Raises
     ------
@@ -166,9 +189,16 @@ def study(
     for labels, scores in scored:
         differences, part = scores.differences, scores.differences.part
         complete.append(
-            LabelledPairs(tuple(labels), features(differences), ~part, isometry_bonus(differences))
+            LabelledPairs(
+                tuple(labels),
+                features(differences, network=is_available()),
+                ~part,
+                isometry_bonus(differences),
+            )
         )
-        incomplete.append(LabelledPairs(tuple(labels), part_features(differences), part))
+        incomplete.append(
+            LabelledPairs(tuple(labels), part_features(differences, network=is_available()), part)
+        )
     of_complete = leave_class_out(complete)
     of_parts = leave_class_out([*incomplete, *perturbed])
     whole = [replace(pairs, asked=None) for pairs in complete]
@@ -192,6 +222,8 @@ def study(
             **queries,
             **_numbers(reliability(perturbed, of_perturbed)),
         },
+        "plain": asdict(fit(_plain(complete))),
+        "plain_incomplete": asdict(fit(_plain([*incomplete, *perturbed]))),
         "together": _numbers(reliability(whole, probabilities)),
         "collections": collections,
     }
@@ -231,8 +263,13 @@ def summary(judged: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
 def constants(judged: Mapping[str, Any]) -> str:
     """Return the assignments that `core/ranking/class_probability.py` holds."""
     lines = []
-    for name, model in (("CALIBRATED_POOL", judged), ("CALIBRATED_PARTS", judged["incomplete"])):
+    models = {"PLAIN_POOL": judged["plain"], "PLAIN_PARTS": judged["plain_incomplete"]}
+    if is_available():
+        models |= {"POOL": judged, "PARTS": judged["incomplete"]}
+    for name, model in models.items():
         slopes = ", ".join(f"{slope:.{DIGITS}f}" for slope in model["slopes"])
         slopes += "," if len(model["slopes"]) == 1 else ""
-        lines.append(f"{name} = Calibration(intercept={model['intercept']:.{DIGITS}f}, slopes=({slopes}))")
+        lines.append(
+            f"CALIBRATED_{name} = Calibration(intercept={model['intercept']:.{DIGITS}f}, slopes=({slopes}))"
+        )
     return "\n".join(lines)

@@ -25,7 +25,7 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.diffusion import all_contextual_scores
-from core.ranking.local_density import TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
+from core.ranking.local_density import TYPICAL_NETWORK, TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
@@ -99,6 +99,7 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
     distances = {name: differences.pop(name) for name in DESCRIPTORS}
     differences["spectral_density"] = pair_densities(differences["spectral"], TYPICAL_SPECTRAL)
     differences["view_density"] = pair_densities(distances["views"], TYPICAL_VIEW)
+    differences["network_density"] = pair_densities(distances["network_views"], TYPICAL_NETWORK)
     pairs = PairDifferences(**differences, distances=distances, part=part)
     return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
 
@@ -106,11 +107,12 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
 def pair_densities(distances: Floats, typical: float) -> Floats:
     """Return the geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
 
-    As in the service, neighbours are looked for in a sample of large collections. `typical` is
-    `TYPICAL_SPECTRAL` or `TYPICAL_VIEW`.
+    As in the service, neighbours are looked for in a sample of large collections. `typical` is one of
+    `core.ranking.local_density`; distances that are not known are NaN.
     """
     sample = sampled(np.arange(1, len(distances) + 1))
-    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)[:, sample]
+    unknown = np.isnan(distances) | np.eye(len(distances), dtype=bool)
+    others = np.where(unknown, np.inf, distances)[:, sample]
     nearest = neighbour_distances(others, typical)
     return np.asarray(np.sqrt(np.outer(nearest, nearest)))
 

@@ -104,7 +104,7 @@ SAMPLE = 512
 """Number of shapes in a sample; smaller collections are sampled whole."""
 
 COLLECTIONS, DENSITIES = 32, 50_000
-"""Numbers of collections whose samples a pipeline keeps, of about 2 MB each, and of densities in each."""
+"""Numbers of collections whose samples a pipeline keeps, of about 6 MB each, and of densities in each."""
 
 PRIME, FIRST, SECOND = 2**31 - 1, 1_103_515_245, 654_435_761
 """Keys of the hash of shape numbers. Products of two numbers below the prime fit 64 bits, in SQL too."""
@@ -138,7 +138,7 @@ class CollectionSample:
         self.embeddings = embeddings
         self._sample = sample
         # Each is a function of the embedding and the sample alone.
-        self._densities: EmbeddingCache[tuple[float, float]] = EmbeddingCache(DENSITIES, lambda _: 1)
+        self._densities: EmbeddingCache[tuple[float, float, float]] = EmbeddingCache(DENSITIES, lambda _: 1)
 
     def of_query(self, query: ShapeDescriptors) -> LocalDensities:
         """Return the densities of one shape, arrays of shape (1,)."""
@@ -150,9 +150,10 @@ class CollectionSample:
         new = {number: shape for number, shape in zip(embeddings, shapes, strict=True) if number not in known}
         if new:
             measured = densities_in(self._sample, list(new.values()))
-            pairs = zip(measured.spectral.tolist(), measured.view.tolist(), strict=True)
-            for number, densities in zip(new, pairs, strict=True):
+            columns = (measured.spectral, measured.view, measured.network)
+            rows = zip(*(column.tolist() for column in columns), strict=True)
+            for number, densities in zip(new, rows, strict=True):
                 known[number] = densities
                 self._densities.put(number, densities)
-        both = np.array([known[number] for number in embeddings]).reshape(len(embeddings), 2)
-        return LocalDensities(both[:, 0], both[:, 1])
+        table = np.array([known[number] for number in embeddings]).reshape(len(embeddings), 3)
+        return LocalDensities(*table.T)

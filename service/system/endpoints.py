@@ -8,6 +8,7 @@ from prometheus_client.exposition import choose_encoder
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
+from core.descriptors.registry import computed_descriptors
 from core.io import FORMATS
 from core.parameters import METHOD_VERSION
 from service.auth.gate import name_in, token_in
@@ -101,6 +102,7 @@ def read_version(request: Request, container: Service) -> Version:
         fingerprint=parameters.fingerprint,
         method=METHOD_VERSION,
         rank_by=container.settings.rank_by,
+        descriptors=list(computed_descriptors()),
         formats=[
             FileFormat(
                 name=known.name,

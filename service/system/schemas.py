@@ -58,6 +58,7 @@ class Version(BaseModel):
                 "fingerprint": "3f1c9a7be2d40586",
                 "method": 1,
                 "rank_by": "cc",
+                "descriptors": ["spin_images", "views", "eigenvalues", "network_views"],
                 "formats": [
                     {
                         "name": "stl",
@@ -88,6 +89,9 @@ class Version(BaseModel):
     )
     rank_by: Literal["cc", "ssd", "sim", "combined", "contextual"] = Field(
         description="The score that sorts the results of a query that names none."
+    )
+    descriptors: list[str] = Field(
+        description="The descriptors that this service computes; `network_views` needs the extra `views`."
     )
     formats: list[FileFormat] = Field(description="The formats of mesh files.")
     pending: PendingPipeline | None = Field(

@@ -107,7 +107,7 @@ def moved(before: Projections, after: Projections) -> list[str]:
         name
         for name in before.keys() | after.keys()
         if not abs(before.get(name, np.inf) - after.get(name, np.inf))
-        <= (PAIR_TOLERANCE if name.endswith((": sim", ": ssd")) else TOLERANCE)
+        <= (PAIR_TOLERANCE if name.endswith((": sim", ": ssd", "network_views")) else TOLERANCE)
     )
 
 

@@ -8,6 +8,8 @@ import pytest
 from safetensors.numpy import load, save
 
 from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.network import FEATURES
+from core.descriptors.network_views import VIEWS
 from core.descriptors.partial import ROW_LENGTH
 from core.descriptors.registry import DESCRIPTORS, descriptors_of
 from core.descriptors.spin_images import KEYPOINTS
@@ -17,6 +19,7 @@ from core.errors import BadRecordError
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
+from core.spectral.spectral_embedding import SPECTRUM
 from tests.core.shapes import FACTS as CLOSED
 from tests.core.shapes import blob
 
@@ -50,6 +53,8 @@ def embedding(*, samples=12, spectra=2, seed=0):
         descriptors={
             "spin_images": rng.integers(0, 255, size=(KEYPOINTS, ROW_LENGTH)).astype(np.uint8),
             "views": rng.integers(0, 255, size=VIEW_BYTES).astype(np.uint8),
+            "eigenvalues": np.sort(rng.random(SPECTRUM)).astype(np.float16),
+            "network_views": rng.integers(-127, 128, size=(VIEWS, FEATURES)).astype(np.int8),
         },
         # Of the five Laplace-Beltrami coordinates.
         orientation=rng.integers(-127, 128, size=(samples, 10)).astype(np.int8)
@@ -134,7 +139,12 @@ def test_other_bytes_are_refused(data):
     refused(data)
 
 
-@pytest.mark.parametrize("missing", ["header", *ARRAYS, *DESCRIPTORS, "eigenvalues_0", "coordinates_1"])
+OPTIONAL = "network_views"
+
+
+@pytest.mark.parametrize(
+    "missing", ["header", *ARRAYS, *sorted(DESCRIPTORS.keys() - {OPTIONAL}), "eigenvalues_0", "coordinates_1"]
+)
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = arrays_with()
     del arrays[missing]
@@ -163,7 +173,13 @@ def with_last(name, value):
 
 @pytest.mark.parametrize("name", [*ARRAYS, *DESCRIPTORS, "eigenvalues_0", "coordinates_1"])
 def test_an_array_of_another_type_or_shape_is_refused(name):
-    other = {"float32": np.float64, "int32": np.int64, "uint8": np.int16, "int8": np.int16}
+    other = {
+        "float32": np.float64,
+        "float16": np.float64,
+        "int32": np.int64,
+        "uint8": np.int16,
+        "int8": np.int16,
+    }
     refused(changed(name, lambda array: array.astype(other[array.dtype.name])), "float64|int64|int16")
     for change in (
         lambda array: array[None],
@@ -229,6 +245,15 @@ def test_descriptors_are_those_of_the_embedding():
     assert found.reliability == intrinsic_reliability(FACTS)
 
 
+def test_a_record_may_lack_the_views_of_a_network():
+    arrays = arrays_with()
+    del arrays[OPTIONAL]
+    found = embedding_from_bytes(save(arrays))
+    assert found.descriptors.keys() == DESCRIPTORS.keys() - {OPTIONAL}
+    assert embedding_from_bytes(embedding_to_bytes(found)).descriptors.keys() == found.descriptors.keys()
+    assert descriptors_from_bytes(save(arrays)).arrays.keys() == found.descriptors.keys()
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -236,6 +261,10 @@ def test_descriptors_are_those_of_the_embedding():
         ("spin_images", np.zeros((KEYPOINTS + 1, ROW_LENGTH), np.uint8)),
         ("views", np.zeros(VIEW_BYTES - 1, np.uint8)),
         ("views", np.zeros(VIEW_BYTES, np.int8)),
+        ("network_views", np.zeros((VIEWS, FEATURES - 1), np.int8)),
+        ("network_views", np.zeros((VIEWS, FEATURES), np.uint8)),
+        ("eigenvalues", np.zeros(SPECTRUM, np.float32)),
+        ("eigenvalues", np.full(SPECTRUM, np.nan, np.float16)),
     ],
 )
 def test_descriptors_of_the_wrong_shape_or_type_are_refused(name, value):

@@ -38,6 +38,8 @@ OUTSIDE = {
 ALLOWED_OUTSIDE = {
     # Bytes in memory, which trimesh wants to be a file.
     ("core.io", "io"),
+    # And pickle too.
+    ("core.descriptors.network_weights", "io"),
     # Ranges and types of parameters are declared, and JSON is checked against them.
     ("core.parameters", "pydantic"),
 }

@@ -10,8 +10,10 @@ from core.descriptors.registry import DESCRIPTORS
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.class_probability import (
+    BONUS,
     FINE,
     FINEST,
+    NETWORK_FEATURES,
     PART_FEATURES,
     Calibration,
     features,
@@ -37,16 +39,19 @@ def differences(count: int = 1, **given: object) -> PairDifferences:
         "part": False,
         "part_distance": 1.5,
         "views": 0.7,
+        "eigenvalues": 0.1,
+        "network_views": 0.4,
         "reliability": 1.0,
         "spectral_density": 0.14,
         "view_density": 0.76,
+        "network_density": 0.4,
     }
     values: dict[str, Any] = {name: np.full(count, value) for name, value in usual.items()} | given
     distances = {name: values.pop(name) for name in DESCRIPTORS}
     return PairDifferences(**values, distances=distances)
 
 
-def plain_features(pair: PairDifferences) -> list[float]:
+def plain_features(pair: PairDifferences, *, network: bool = False) -> list[float]:
     """`features` of one pair, a number at a time."""
     s, r = pair.spectral[0], pair.reliability[0]
     w = 1 - r * 0.05**3 / (s**3 + 0.05**3)
@@ -60,7 +65,12 @@ def plain_features(pair: PairDifferences) -> list[float]:
     soup = [(1 - r) * value for value in logs]
     dense = np.log(max(pair.view_density[0], 0.6))
     near = np.log(max(pair.spectral_density[0], 0.02) + 0.03)
-    return [*logs, 1 - r, *soup, r * dense, (1 - r) * dense, r * near]
+    told = [*logs, 1 - r, *soup, r * dense, (1 - r) * dense, r * near]
+    if network:
+        seen = np.log(w * pair.distances["network_views"][0] + 0.05)
+        among = np.log(max(pair.network_density[0], 0.05))
+        told += [seen, (1 - r) * seen, among, (1 - r) * among]
+    return told
 
 
 @pytest.mark.parametrize("reliability", [0.01, 0.4, 1.0])
@@ -68,7 +78,9 @@ def plain_features(pair: PairDifferences) -> list[float]:
 def test_the_features_are_those_of_the_formula(reliability: float, spectral: float) -> None:
     pair = differences(reliability=np.array([reliability]), spectral=np.array([spectral]))
     assert features(pair)[0] == pytest.approx(plain_features(pair))
+    assert features(pair, network=True)[0] == pytest.approx(plain_features(pair, network=True))
     assert part_features(pair).shape == (1, PART_FEATURES)
+    assert part_features(pair, network=True).shape == (1, PART_FEATURES + NETWORK_FEATURES)
 
 
 def test_soups_are_told_by_views_and_not_by_spectra() -> None:
@@ -84,25 +96,54 @@ def test_soups_are_told_by_views_and_not_by_spectra() -> None:
 
 def test_poses_of_one_body_are_told_by_spectra_and_not_by_views() -> None:
     spectral = np.geomspace(1e-4, 0.02, 20)
-    order = pooled_log_odds(differences(20, spectral=spectral, views=np.linspace(1.2, 0.4, 20)))
+    order = pooled_log_odds(
+        differences(20, spectral=spectral, eigenvalues=spectral, views=np.linspace(1.2, 0.4, 20))
+    )
     assert (np.diff(order) < 0.0).all()
     far = pooled_log_odds(differences(2, spectral=np.full(2, 0.3), views=np.array([0.4, 1.2])))
-    near = pooled_log_odds(differences(2, spectral=np.full(2, 0.005), views=np.array([0.4, 1.2])))
+    close = np.full(2, 0.005)
+    near = pooled_log_odds(differences(2, spectral=close, eigenvalues=close, views=np.array([0.4, 1.2])))
     assert near[0] - near[1] < 0.1 * (far[0] - far[1])
 
 
 def test_log_odds_order_pairs_of_equal_probability() -> None:
-    pairs = differences(2, spectral=np.array([1e-6, 2e-6]), cc=np.ones(2), sim=np.ones(2))
+    tiny = np.array([1e-6, 2e-6])
+    pairs = differences(2, spectral=tiny, eigenvalues=tiny, cc=np.ones(2), sim=np.ones(2))
     odds = pooled_log_odds(pairs)
     assert odds[0] > odds[1]
     assert pooled_probability(pairs) == pytest.approx(1.0 / (1.0 + np.exp(-odds)))
 
 
+def test_the_fine_end_of_the_spectrum_counts_as_far_as_the_coarse_end_agrees() -> None:
+    fine = np.array([0.004, 0.008])
+    near, far = (
+        isometry_bonus(differences(2, spectral=np.full(2, s), eigenvalues=fine)) for s in (0.004, 0.06)
+    )
+    assert near[0] - near[1] > 0.5
+    assert 0.0 < far[0] - far[1] < 0.1
+
+
+def test_a_pair_without_views_of_a_network_has_models_of_its_own() -> None:
+    """A lacking view says nothing for or against a pair."""
+    lacking = differences(network_views=np.array([np.nan]))
+    assert np.isfinite(pooled_log_odds(lacking)).all()
+    near, usual, far = (
+        pooled_log_odds(differences(network_views=np.array([distance])))[0] for distance in (0.1, 0.4, 0.9)
+    )
+    assert near > usual > far
+    assert near > pooled_log_odds(lacking)[0] > far
+
+
 def test_the_offset_is_bounded_and_vanishes() -> None:
     found = isometry_bonus(
-        differences(4, spectral=np.array([0.0, 0.05, 10.0, 0.0]), reliability=np.array([1, 1, 1, 0.0]))
+        differences(
+            4,
+            spectral=np.array([0.0, 0.05, 10.0, 0.0]),
+            eigenvalues=np.array([0.0, 0.05, 10.0, 0.0]),
+            reliability=np.array([1, 1, 1, 0.0]),
+        )
     )
-    assert found[0] == pytest.approx(np.log(FINE / FINEST))
+    assert found[0] == pytest.approx(BONUS * np.log(FINE / FINEST))
     assert (np.diff(found[:3]) < 0.0).all()
     assert found[2] < 0.01
     assert found[3] == 0.0

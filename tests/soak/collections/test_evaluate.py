@@ -6,7 +6,12 @@ import sys
 
 import pytest
 
-from core.ranking.class_probability import CALIBRATED_PARTS, CALIBRATED_POOL
+from core.ranking.class_probability import (
+    CALIBRATED_PARTS,
+    CALIBRATED_PLAIN_PARTS,
+    CALIBRATED_PLAIN_POOL,
+    CALIBRATED_POOL,
+)
 from tests.soak.collections.folders import SAMPLE, data
 
 LEAST = {"nn": 0.895, "ft": 0.709, "st": 0.81}
@@ -48,7 +53,12 @@ def test_the_constants_are_those_of_the_command_and_calibrated() -> None:
     sizes = [collection["shapes"] for collection in fitted["collections"]]
     assert sizes == ([FITTED] * len(CALIBRATED) if SAMPLE else list(CALIBRATED.values()))
     if not SAMPLE:
-        for model, written in ((fitted, CALIBRATED_POOL), (fitted["incomplete"], CALIBRATED_PARTS)):
+        for model, written in (
+            (fitted, CALIBRATED_POOL),
+            (fitted["incomplete"], CALIBRATED_PARTS),
+            (fitted["plain"], CALIBRATED_PLAIN_POOL),
+            (fitted["plain_incomplete"], CALIBRATED_PLAIN_PARTS),
+        ):
             assert model["intercept"] == pytest.approx(written.intercept, abs=0.01)
             assert model["slopes"] == pytest.approx(written.slopes, abs=0.01)
     for collection in (fitted["together"], *fitted["collections"]):

@@ -16,9 +16,23 @@ from core.io import format_of, read_mesh
 from core.mesh.cleaning import clean
 from core.parameters import DEFAULT, INCOMPLETE
 from core.pipeline import Pipeline
-from core.ranking.class_probability import PART_FEATURES, Calibration, features, isometry_bonus, part_features
+from core.ranking.class_probability import (
+    NETWORK_FEATURES,
+    PART_FEATURES,
+    Calibration,
+    features,
+    isometry_bonus,
+    part_features,
+)
 from core.ranking.differences import PairDifferences, differences_of
-from core.ranking.local_density import ENOUGH, TYPICAL_SPECTRAL, TYPICAL_VIEW, densities_in, density_sample
+from core.ranking.local_density import (
+    ENOUGH,
+    TYPICAL_NETWORK,
+    TYPICAL_SPECTRAL,
+    TYPICAL_VIEW,
+    densities_in,
+    density_sample,
+)
 from service.datasets import read_collection
 from service.evaluation import calibration
 from service.evaluation.calibration import seed_of
@@ -53,14 +67,15 @@ def plain(folder: Path) -> LabelledPairs:
     files = read_collection(folder)
     embeddings = [pipeline.embed(read_mesh(path.read_bytes(), format_of(path.name))) for path, _ in files]
     pairs = [[differences(pipeline, one, other) for other in embeddings] for one in embeddings]
-    spectral, views = (
+    spectral, views, seen = (
         densities(np.array([[distance(pair)[0] for pair in row] for row in pairs]), typical)
         for distance, typical in (
             (lambda pair: pair.spectral, TYPICAL_SPECTRAL),
             (lambda pair: pair.distances["views"], TYPICAL_VIEW),
+            (lambda pair: pair.distances["network_views"], TYPICAL_NETWORK),
         )
     )
-    found = np.zeros((len(files), len(files), 14))
+    found = np.zeros((len(files), len(files), 14 + NETWORK_FEATURES))
     offsets = np.zeros((len(files), len(files)))
     for i, row in enumerate(pairs):
         for j, pair in enumerate(row):
@@ -68,8 +83,9 @@ def plain(folder: Path) -> LabelledPairs:
                 pair,
                 spectral_density=np.sqrt(spectral[i] * spectral[j])[None],
                 view_density=np.sqrt(views[i] * views[j])[None],
+                network_density=np.sqrt(seen[i] * seen[j])[None],
             )
-            found[i, j], offsets[i, j] = features(dense)[0], isometry_bonus(dense)[0]
+            found[i, j], offsets[i, j] = features(dense, network=True)[0], isometry_bonus(dense)[0]
     return LabelledPairs(tuple(label for _, label in files), found, offsets=offsets)
 
 
@@ -84,7 +100,10 @@ def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
     around = densities_in(sample, described)
     found = []
     for perturb, amount in LEVELS:
-        told, asked = np.zeros((count, count, PART_FEATURES)), np.zeros((count, count), dtype=bool)
+        told, asked = (
+            np.zeros((count, count, PART_FEATURES + NETWORK_FEATURES)),
+            np.zeros((count, count), dtype=bool),
+        )
         for i, (path, _) in enumerate(files):
             query = pipeline.embed(perturb(meshes[i], amount, seed_of(path, 0)))
             if query.facts.boundary_ratio <= INCOMPLETE:
@@ -96,8 +115,9 @@ def plain_parts(folder: Path, count: int) -> list[LabelledPairs]:
                     differences(pipeline, query, other),
                     spectral_density=np.sqrt(own.spectral * around.spectral[j]),
                     view_density=np.sqrt(own.view * around.view[j]),
+                    network_density=np.sqrt(own.network * around.network[j]),
                 )
-                told[i, j] = part_features(pair)[0]
+                told[i, j] = part_features(pair, network=True)[0]
         labels = tuple(label for _, label in files)
         found.append(LabelledPairs(labels, told, asked, weight=1.0 / len(LEVELS)))
     return found
@@ -161,10 +181,12 @@ def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path)
     done = run("calibrate", tmp_path, "--limit", 9)
     assert done.status == 1
     assert done.stderr.splitlines()[-1] == "isoshape: 1 files could not be used"
-    code = done.stdout[done.stdout.index("CALIBRATED_POOL") :]
+    code = done.stdout[done.stdout.index("CALIBRATED_PLAIN_POOL") :]
     constants: dict[str, object] = {"Calibration": Calibration}
     exec(code, constants)
-    assert isinstance(constants["CALIBRATED_POOL"], Calibration)
-    assert len(constants["CALIBRATED_POOL"].slopes) == 14
-    assert isinstance(constants["CALIBRATED_PARTS"], Calibration)
-    assert len(constants["CALIBRATED_PARTS"].slopes) == PART_FEATURES
+    sizes = {"PLAIN_POOL": 14, "PLAIN_PARTS": PART_FEATURES}
+    sizes |= {"POOL": 14 + NETWORK_FEATURES, "PARTS": PART_FEATURES + NETWORK_FEATURES}
+    for name, size in sizes.items():
+        model = constants[f"CALIBRATED_{name}"]
+        assert isinstance(model, Calibration)
+        assert len(model.slopes) == size

@@ -110,6 +110,7 @@ def test_pairs_are_scored_once_and_mirrored(pool: Executor, embeddings: list[Emb
             differences,
             spectral_density=scores.differences.spectral_density[i],
             view_density=scores.differences.view_density[i],
+            network_density=scores.differences.network_density[i],
         )
         assert scores.combined[i] == pytest.approx(pooled_log_odds(around), abs=1e-6)
     assert (scores.combined == scores.combined.T).all()

@@ -1,0 +1,87 @@
+"""Views of a surface as a network trained on photographs sees them, where the extra `views` is installed.
+
+EfficientNet-Lite0 (M. Tan, Q. Le, ICML 2019) with the weights of ImageNet sees six depth images. Its pooled
+features are compared view by view, so neither the connectivity of the mesh nor its pieces matter. H. Su, S.
+Maji, E. Kalogerakis, E. Learned-Miller, "Multi-view convolutional neural networks for 3D shape recognition",
+ICCV 2015.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from core.arrays import Float32s, Floats, Int8s, Ints
+from core.descriptors.depth_images import depth_images
+from core.descriptors.network import FEATURES, SIZE, network
+from core.descriptors.network_weights import PACKAGE, network_weights
+from core.descriptors.view_frames import NormalisedSurface, directed_axes
+
+VIEWS = 6
+"""Number of views: along the axes of the frame of the points, and against them."""
+
+CHANNELS = 3
+"""Number of equal channels of an image."""
+
+
+@cache
+def is_available() -> bool:
+    """Return whether the packages of the extra `views` are installed."""
+    return all(find_spec(name) for name in ("onnxruntime", PACKAGE))
+
+
+def network_views(surface: NormalisedSurface, faces: Ints) -> Int8s:
+    """Return the features of each view, shape (VIEWS, FEATURES), each row scaled to a maximum of 127.
+
+    The roots of the features, less their mean over many shapes, are rounded. Rotation, reflection, scale and
+    translation change them by rounding only.
+    """
+    images = depth_images(surface.points, faces, directed_axes(surface, faces), SIZE)
+    pixels = np.repeat((255.0 * images - 127.0)[:, None] / 128.0, CHANNELS, axis=1).astype(np.float32)
+    # One view at a time takes a sixth of the memory, and as long.
+    features = np.concatenate([_session().run(None, {"image": view[None]})[0] for view in pixels])
+    centred = np.sqrt(features) - _mean()
+    largest = np.maximum(np.abs(centred).max(axis=1, keepdims=True), np.finfo(np.float32).tiny)
+    return np.asarray(np.rint(127.0 / largest * centred), dtype=np.int8)
+
+
+def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
+    """Compute distances between the views of one surface and of c others, shape (c,), in [0, 2].
+
+    1 less the mean, over the views of both, of the cosine with the most similar view of the other.
+    """
+    stored = np.stack(others).astype(np.float32)
+    cosines = (stored @ query.astype(np.float32).T).astype(np.float64)
+    cosines /= _lengths(stored)[:, :, None] * _lengths(query.astype(np.float32))
+    return np.asarray(1.0 - 0.5 * (cosines.max(axis=1).mean(axis=1) + cosines.max(axis=2).mean(axis=1)))
+
+
+def _lengths(views: Float32s) -> Floats:
+    """Return the norms of views, shape (..., VIEWS): sums of whole numbers, exact in any order."""
+    squares = np.einsum("...f,...f->...", views, views).astype(np.float64)
+    return np.asarray(np.sqrt(np.maximum(squares, 1.0)))
+
+
+@cache
+def _session() -> Any:  # noqa: ANN401  the module is not installed everywhere
+    """Return the network, ready to run on the thread that calls it.
+
+    Memory is allocated for each run, and returned after it: a worker process keeps no arena.
+    """
+    from onnxruntime import InferenceSession, SessionOptions  # noqa: PLC0415  an extra
+
+    options = SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.enable_cpu_mem_arena = False
+    options.log_severity_level = 3
+    return InferenceSession(network(network_weights()), options, providers=["CPUExecutionProvider"])
+
+
+@cache
+def _mean() -> Float32s:
+    """Return the means of the roots of the features over the views of many shapes, shape (FEATURES,)."""
+    data = resources.files("core.descriptors").joinpath("network_mean.f16").read_bytes()
+    return np.frombuffer(data, dtype="<f2").astype(np.float32).reshape(FEATURES)
