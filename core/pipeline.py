@@ -1,6 +1,6 @@
 """The whole method: a mesh to its embedding, two embeddings to their match."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from operator import attrgetter
 
 import numpy as np
@@ -66,8 +66,10 @@ class Pipeline:
         with guarded():
             return sparse_embedding.opened(clean(mesh), self.parameters)
 
-    def embed(self, mesh: Mesh) -> Embedding:
+    def embed(self, mesh: Mesh, descriptors: Iterable[str] | None = None) -> Embedding:
         """Compute the sparse spectral embedding of a mesh (section 3 of the paper).
+
+        It holds the descriptors of these names, by default all that this installation computes.
 
         Raises
         ------
@@ -76,7 +78,7 @@ class Pipeline:
         CannotBeEmbeddedError
             The method fails on the mesh, for example by a division by zero.
         """
-        return sparse_embedding.embed(mesh, self.parameters)
+        return sparse_embedding.embed(mesh, self.parameters, descriptors)
 
     def prepared(self, embedding: Embedding) -> Prepared:
         """Return an embedding as the matcher reads it, its splines factored; the result is cached."""

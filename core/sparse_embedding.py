@@ -1,10 +1,12 @@
 """The sparse spectral embedding of a mesh, step by step (section 3 of the paper)."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from core.descriptors.facts import GLOBAL_WEIGHT, global_descriptors, measure
 from core.descriptors.pieces import pieces
-from core.descriptors.registry import DescribedSurface, compute_descriptors
+from core.descriptors.registry import DESCRIPTORS, DescribedSurface, computed_descriptors
 from core.embedding import Embedding
 from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
@@ -28,8 +30,8 @@ def opened(cleaned: Cleaned, parameters: Parameters) -> Mesh:
     return open_surface(cleaned, parameters.mesh, least_vertices(parameters))
 
 
-def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
-    """Compute the sparse spectral embedding of a mesh; errors are those of `core.pipeline.Pipeline.embed`."""
+def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None = None) -> Embedding:
+    """Compute the sparse spectral embedding of a mesh: see `core.pipeline.Pipeline.embed`."""
     with guarded():
         # Clean, close holes, simplify or refine, smooth; unit scale.
         surface, cleaned, frame, smoothed = prepared(mesh, parameters)
@@ -55,16 +57,16 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         spectra, eigenvalues, orientation, spectrum = spectra_of(surface, sampled, parameters.spectral)
         signature = np.concatenate([eigenvalues, GLOBAL_WEIGHT * global_descriptors(surface)])
         facts = measure(mesh, cleaned, frame)
-        descriptors = compute_descriptors(
-            DescribedSurface(
-                cleaned=cleaned.mesh,
-                prepared=surface,
-                opened=lambda: opened(cleaned, parameters),
-                smoothed=smoothed,
-                boundary_ratio=facts.boundary_ratio,
-                eigenvalues=spectrum,
-            )
+        described = DescribedSurface(
+            cleaned=cleaned.mesh,
+            prepared=surface,
+            opened=lambda: opened(cleaned, parameters),
+            smoothed=smoothed,
+            boundary_ratio=facts.boundary_ratio,
+            eigenvalues=spectrum,
         )
+        names = computed_descriptors() if descriptors is None else descriptors
+        arrays = {name: DESCRIPTORS[name].compute(described) for name in names}
     positions = frame.invert(surface.vertices[samples])
     return Embedding(
         fingerprint=parameters.fingerprint,
@@ -78,6 +80,6 @@ def embed(mesh: Mesh, parameters: Parameters) -> Embedding:
         signature=signature.astype(np.float32),
         spectra=spectra,
         pieces=pieces(cleaned.mesh, cleaned.labels),
-        descriptors=descriptors,
+        descriptors=arrays,
         orientation=orientation,
     )

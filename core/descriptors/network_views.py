@@ -42,7 +42,7 @@ def network_views(surface: NormalisedSurface, faces: Ints) -> Int8s:
     images = depth_images(surface.points, faces, directed_axes(surface, faces), SIZE)
     pixels = np.repeat((255.0 * images - 127.0)[:, None] / 128.0, CHANNELS, axis=1).astype(np.float32)
     # One view at a time takes a sixth of the memory, and as long.
-    features = np.concatenate([_session().run(None, {"image": view[None]})[0] for view in pixels])
+    features = np.concatenate([session().run(None, {"image": view[None]})[0] for view in pixels])
     centred = np.sqrt(features) - _mean()
     largest = np.maximum(np.abs(centred).max(axis=1, keepdims=True), np.finfo(np.float32).tiny)
     return np.asarray(np.rint(127.0 / largest * centred), dtype=np.int8)
@@ -66,10 +66,17 @@ def _lengths(views: Float32s) -> Floats:
 
 
 @cache
-def _session() -> Any:  # noqa: ANN401  the module is not installed everywhere
+def model() -> bytes:
+    """Return the network with its weights, 13 MB; raise ModuleNotFoundError without the extra `views`."""
+    return network(network_weights())
+
+
+@cache
+def session() -> Any:  # noqa: ANN401  the module is not installed everywhere
     """Return the network, ready to run on the thread that calls it.
 
-    Memory is allocated for each run, and returned after it: a worker process keeps no arena.
+    Memory is allocated for each run, and returned after it: a worker process keeps no arena. A process that
+    forks others has no session: the library takes 100 MB of address space in each of them.
     """
     from onnxruntime import InferenceSession, SessionOptions  # noqa: PLC0415  an extra
 
@@ -77,7 +84,7 @@ def _session() -> Any:  # noqa: ANN401  the module is not installed everywhere
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.enable_cpu_mem_arena = False
     options.log_severity_level = 3
-    return InferenceSession(network(network_weights()), options, providers=["CPUExecutionProvider"])
+    return InferenceSession(model(), options, providers=["CPUExecutionProvider"])
 
 
 @cache

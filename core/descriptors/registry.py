@@ -130,6 +130,9 @@ DESCRIPTORS: dict[str, Descriptor] = {
 }
 """The descriptors by name. An embedding changes with this table: raise `core.parameters.METHOD_VERSION`."""
 
+EVERYWHERE = tuple(name for name, row in DESCRIPTORS.items() if row.available is None)
+"""The names of the descriptors that every installation computes."""
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeDescriptors:
@@ -152,11 +155,6 @@ class ShapeDescriptors:
     def nbytes(self) -> int:
         """Memory of the arrays, in bytes."""
         return self.signature.nbytes + sum(array.nbytes for array in self.arrays.values())
-
-
-def compute_descriptors(surface: DescribedSurface) -> dict[str, NDArray[Any]]:
-    """Return the array of each of `computed_descriptors`; raise DegenerateMeshError if there is no area."""
-    return {name: DESCRIPTORS[name].compute(surface) for name in computed_descriptors()}
 
 
 def computed_descriptors() -> tuple[str, ...]:

@@ -22,6 +22,7 @@ import llvmlite.binding
 import numba
 from numba.core.dispatcher import Dispatcher
 
+from core.descriptors import network_views
 from core.parameters import Parameters
 from service.compute.tasks import warm, warm_matching, warm_surfaces
 
@@ -43,6 +44,8 @@ def warm_once_compiled(parameters: Parameters) -> None:
     """Warm a worker process up; of several processes, the first compiles the kernels and the others wait."""
     compile_kernels(parameters)
     warm(parameters)
+    if network_views.is_available():
+        network_views.session()
 
 
 def compile_kernels(

@@ -1,7 +1,7 @@
 """The tasks of the workers: bytes in, bytes out. Called by reference in another process."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
@@ -14,8 +14,10 @@ from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes, Float32s, Floats
 from core.dense.transfer import Transferred, Wanted, transfer
+from core.descriptors.depth_images import depth_images
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.partial import describe_part
+from core.descriptors.registry import EVERYWHERE
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
@@ -81,8 +83,16 @@ def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters)
     return embed_mesh(file.mesh, parameters, read, file.warnings)
 
 
-def embed_mesh(mesh: Mesh, parameters: Parameters, read: float, warnings: Sequence[str] = ()) -> Embedded:
+def embed_mesh(
+    mesh: Mesh,
+    parameters: Parameters,
+    read: float,
+    warnings: Sequence[str] = (),
+    descriptors: Iterable[str] | None = None,
+) -> Embedded:
     """Embed a mesh that took `read` milliseconds to read, with the warnings of its reader.
+
+    `descriptors` are those of `core.pipeline.Pipeline.embed`.
 
     Raises
     ------
@@ -91,7 +101,7 @@ def embed_mesh(mesh: Mesh, parameters: Parameters, read: float, warnings: Sequen
     """
     start = time.perf_counter()
     with guarded():
-        embedding = _pipeline(parameters).embed(mesh)
+        embedding = _pipeline(parameters).embed(mesh, descriptors)
         if not _is_finite(embedding):
             raise DegenerateMeshError(
                 "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
@@ -266,12 +276,16 @@ def warm(parameters: Parameters) -> None:
 
 
 def warm_surfaces(parameters: Parameters) -> None:
-    """Run the steps from a mesh to its embedding once, and the kernels of rare meshes and of registration."""
+    """Run the steps from a mesh to its embedding once, and the kernels of rare meshes and of registration.
+
+    The network that sees views is loaded by `core.descriptors.network_views.session`, after the fork.
+    """
     with guarded():
         for mesh in (_bumpy_sheet(), _ring()):
-            _pipeline(parameters).embed(mesh)
+            _pipeline(parameters).embed(mesh, EVERYWHERE)
     draw(_bumpy_sheet(), "ply", SIZES[0])
     vertices, faces = _ring().vertices, _ring().faces
+    depth_images(vertices, faces, np.eye(3), SIZES[0])
     corners, first = vertices[faces], np.zeros((1, 1), dtype=np.int64)
     # Large meshes, and meshes of several pieces.
     contract_edges(vertices, faces, len(vertices) // 2)
@@ -294,7 +308,8 @@ def warm_matching(parameters: Parameters) -> None:
 
 def example_records(parameters: Parameters) -> list[bytes]:
     """Return two embedding records, of a surface with a boundary and of one without: their paths differ."""
-    return [embed_mesh(mesh, parameters, 0.0).record for mesh in (_bumpy_sheet(), _ring())]
+    meshes = (_bumpy_sheet(), _ring())
+    return [embed_mesh(mesh, parameters, 0.0, descriptors=EVERYWHERE).record for mesh in meshes]
 
 
 def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:

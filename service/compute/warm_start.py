@@ -5,6 +5,7 @@ A fork server can only import modules: it imports this one, and nothing else doe
 
 from contextlib import suppress
 
+from core.descriptors import network_views
 from core.parameters import DEFAULT
 from service.compute import sandbox
 from service.compute.compilation import is_compiled
@@ -17,3 +18,6 @@ with suppress(Exception):
     # Compilation takes a minute, which is shown, and its memory would stay.
     if is_compiled(DEFAULT):
         warm(DEFAULT)
+    # Workers load the library that runs it: readers have no room for it.
+    if network_views.is_available():
+        network_views.model()

@@ -13,7 +13,7 @@ from scipy.signal import correlate
 from core.descriptors import network_weights
 from core.descriptors.depth_images import EMPTY, FARTHEST, FILLED, NEAREST, depth_images
 from core.descriptors.network import EPSILON, FEATURES, SIZE, STRIDES
-from core.descriptors.network_views import VIEWS, _session, network_view_distance, network_views
+from core.descriptors.network_views import VIEWS, network_view_distance, network_views, session
 from core.descriptors.network_weights import tensors
 from core.descriptors.views import view_surface
 from tests.core.shapes import blob, box
@@ -72,7 +72,7 @@ def forward(image):
 
 def test_the_features_are_those_of_a_plain_forward_pass():
     image = np.random.default_rng(0).uniform(-1.0, 1.0, size=(3, SIZE, SIZE))
-    found = _session().run(None, {"image": image[None].astype(np.float32)})[0]
+    found = session().run(None, {"image": image[None].astype(np.float32)})[0]
     assert found.shape == (1, FEATURES)
     np.testing.assert_allclose(found[0], forward(image), atol=1e-3)
 

@@ -3,16 +3,18 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from core.parameters import DEFAULT, PAPER
 from service.compute import compilation
-from service.compute.compilation import compile_kernels, is_compiled
+from service.compute.compilation import compile_kernels, is_compiled, warm_once_compiled
 from service.compute.processes import WorkerProcess
 from tests.service.support import wait_until
-from tests.service.tasks import times_warmed_up
+from tests.service.tasks import holds_the_network, times_warmed_up
 
 CODE = """
 from core.parameters import DEFAULT
@@ -91,12 +93,20 @@ def test_a_failed_compilation_is_done_again(tmp_path: Path, monkeypatch: pytest.
     assert not is_compiled(PAPER)
 
 
-def test_a_worker_process_starts_warm() -> None:
+def test_a_worker_process_starts_warm_and_loads_the_network_by_itself() -> None:
     compile_kernels(DEFAULT)
     process = WorkerProcess()
+
+    def result(task: Callable[..., Any], *arguments: object) -> Any:
+        process.send(task, arguments)
+        return process.receive(60.0)
+
     try:
-        process.send(times_warmed_up, ())
-        assert process.receive(60.0) == 1
+        assert result(times_warmed_up) == 1
+        holds, threads = result(holds_the_network)
+        assert not holds
+        result(warm_once_compiled, DEFAULT)
+        assert result(holds_the_network) == (True, threads)
     finally:
         process.end()
 
