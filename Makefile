@@ -70,7 +70,7 @@ help:
 $(PACKAGES): requirements.lock
 	@test -n "$(PYTHON)" && $(PYTHON) -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' || { \
 		echo 'Python 3.11 or newer with venv is needed and was not found; name one: make PYTHON=/path/to/python3' >&2; exit 1; }
-	@cmp -s requirements.lock $@ || { echo 'Installing about 570 MB into $(VENV).'; \
+	@cmp -s requirements.lock $@ || { echo 'Installing about 560 MB into $(VENV).'; \
 		cmp -s requirements.lock $(VENV)/.begun || $(PYTHON) -m venv --clear $(VENV); cp requirements.lock $(VENV)/.begun; \
 		$(PIP) install --no-compile --require-hashes --requirement requirements.lock; \
 		$(PIP) uninstall --yes setuptools; \
