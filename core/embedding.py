@@ -22,7 +22,8 @@ class Spectrum:
     eigenvalues : float32, shape (s,)
         By descending magnitude for an affinity, ascending for a Laplacian.
     coordinates : float32, shape (d, k)
-        Row i is point i in the k-dimensional spectral domain; the first m points are the samples.
+        Row i is point i in the k-dimensional spectral domain; the first m points are the samples. Rounded as
+        `core.matching.quantised_points` does.
     """
 
     name: str

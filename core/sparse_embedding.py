@@ -1,6 +1,7 @@
 """The sparse spectral embedding of a mesh, step by step (section 3 of the paper)."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from core.embedding import Embedding
 from core.graph.bridges import component_bridges
 from core.graph.edge_graph import edge_graph
 from core.graph.sparse_graph import sample_distances, sparse_graph
+from core.matching.quantised_points import rounded
 from core.mesh.cleaning import Cleaned, vertex_areas
 from core.mesh.mesh import Mesh
 from core.mesh.preparation import PreparedSurface, nearest_vertices, open_surface, prepared_surface
@@ -68,6 +70,7 @@ def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None 
         names = computed_descriptors() if descriptors is None else descriptors
         arrays = {name: DESCRIPTORS[name].compute(described) for name in names}
     positions = frame.invert(surface.vertices[samples])
+    regions = sparse.regions[points].astype(np.int32)
     return Embedding(
         fingerprint=parameters.fingerprint,
         facts=facts,
@@ -76,9 +79,11 @@ def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None 
         graph_edges=sparse.edges.astype(np.int32),
         graph_lengths=sparse.lengths.astype(np.float32),
         tree_edges=sparse.edges[sparse.tree].astype(np.int32),
-        regions=sparse.regions[points].astype(np.int32),
+        regions=regions,
         signature=signature.astype(np.float32),
-        spectra=spectra,
+        spectra=tuple(
+            replace(spectrum, coordinates=rounded(spectrum.coordinates, regions)) for spectrum in spectra
+        ),
         pieces=pieces(cleaned.mesh, cleaned.labels),
         descriptors=arrays,
         orientation=orientation,

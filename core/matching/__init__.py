@@ -1,3 +1,3 @@
 """Two embeddings matched (Eqs. 14-20): embeddings in; CC, SSD, sim and the correspondence out."""
 
-__all__ = ["match_records", "matcher", "procrustes", "thin_plate_spline"]
+__all__ = ["match_records", "matcher", "procrustes", "quantised_points", "thin_plate_spline"]

@@ -1,8 +1,8 @@
 """Approximate CC of one shape with many others, from their spectral coordinates in bytes.
 
-The coarse ranking reads the first samples of each shape, a few hundred bytes; the re-ranking reads all
-embedded points, without splines. Both choose the shapes that are matched in full. Coordinates are whole
-numbers in [-127, 127], with one scale a column.
+The coarse ranking reads the first samples of each shape, a few hundred bytes: whole numbers in [-127, 127],
+with one scale a column. The re-ranking reads all embedded points, without splines. Both choose the shapes
+that are matched in full.
 """
 
 from collections.abc import Sequence
@@ -46,23 +46,6 @@ def coarse_samples(embedding: Embedding) -> Bytes:
     return _joined(np.array([count], dtype=np.int32), scales, coordinates)
 
 
-def quantised_points(embedding: Embedding) -> bytes:
-    """Return the d embedded points of a shape in b spectral domains of k dimensions.
-
-    Returns
-    -------
-    bytes
-        About 8 + 4 b k + 4 d + d b k: the numbers of points and of columns, int32; a scale for each column,
-        float32; the sample nearest to each point, int32; the coordinates over the scales, int8; zero bytes up
-        to a multiple of four.
-    """
-    points = np.concatenate([spectrum.coordinates for spectrum in embedding.spectra], axis=1)
-    scales, coordinates = quantised(points)
-    shape = np.array(points.shape, dtype=np.int32)
-    data = _joined(shape, scales, embedding.regions, coordinates).tobytes()
-    return data + bytes(-len(data) % 4)
-
-
 def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
     """Compute an approximate CC of one shape with each of c others, from their first samples.
 
@@ -82,7 +65,7 @@ def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> 
     """Compute an approximate CC of one shape with each of c others: a match with flat splines for the others.
 
     Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. The query
-    is a match record, the others are `quantised_points`, and all were made with the parameters.
+    is a match record, the others are `core.matching.quantised_points`, and all were made with the parameters.
 
     Returns
     -------

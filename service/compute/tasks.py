@@ -25,6 +25,7 @@ from core.graph.bridges import bridges
 from core.io import Limits, read_file
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
+from core.matching.quantised_points import quantised_points
 from core.matching.thin_plate_spline import compiled_spline_operators
 from core.mesh.bounding_box import Sides, bounding_box, file_box
 from core.mesh.box_tree import closest_on_triangles, triangle_tree
@@ -36,7 +37,7 @@ from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.class_probability import combined_scores
 from core.ranking.likeness import BENT
-from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
+from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.ranking.shortlist import signature_distances
 from core.registration.instances import Instances, instances
 from core.registration.probed_surface import probed_surface
@@ -52,7 +53,7 @@ class Embedded:
     """A file's embedding, ready to be stored.
 
     `record` is the whole embedding, with its `signature`, shape (s,). `core.ranking.reranking` describes
-    `coarse_samples` and `quantised_points`, `core.descriptors.views` the `view_signature`, shape (v,),
+    `coarse_samples`, `core.descriptors.views` the `view_signature`, shape (v,),
     `core.descriptors.facts` the `reliability`, and `core.descriptors.pieces` the `pieces`. `facts` are those
     of the embedding, the bounding boxes and the warnings, by name, and `milliseconds` the wall times of the
     stages "read" and "embed".
@@ -61,7 +62,6 @@ class Embedded:
     record: bytes
     signature: NDArray[np.float32]
     coarse_samples: bytes
-    quantised_points: bytes
     view_signature: Bytes
     reliability: float
     pieces: Float32s
@@ -122,7 +122,6 @@ def ready_to_store(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
         coarse_samples=coarse_samples(embedding).tobytes(),
-        quantised_points=quantised_points(embedding),
         view_signature=view_signature(embedding.descriptors["views"]),
         reliability=intrinsic_reliability(embedding.facts),
         pieces=embedding.pieces,

@@ -16,9 +16,10 @@ from threadpoolctl import threadpool_limits
 from core.embedding import Embedding
 from core.io import format_of, read_mesh, write_mesh
 from core.matching.match_records import match_record, score_match_records
+from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
+from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.evaluation.benchmark_shapes import NamedMesh, Source, nearest, resized, shaken
 

@@ -21,7 +21,7 @@ Value = TypeVar("Value")
 ABOUT = 100_000
 """Bytes of a match record, before one is known."""
 
-POINTS_BYTES = 12_100
+POINTS_BYTES = 13_000
 """Bytes of the points of a shape, likewise."""
 
 

@@ -18,8 +18,7 @@ from core.descriptors.registry import ShapeDescriptors
 from core.errors import BadRecordError, CoreError
 from core.matching.match_records import match_record
 from core.ranking.local_density import density_sample
-from core.ranking.reranking import quantised_points
-from core.serialization import descriptors_from_bytes, embedding_from_bytes
+from core.serialization import descriptors_from_bytes, embedding_from_bytes, points_in
 from service.collection import CollectionNumber
 from service.compute.tasks import example_records, warm_comparing
 from service.container import Container
@@ -37,7 +36,7 @@ log = get_logger("search")
 Done = TypeVar("Done")
 
 KEPT_RECORDS = 512
-"""Most embedding records that a query keeps, of 60 to 150 kB each."""
+"""Most embedding records that a query keeps, of 30 to 70 kB each."""
 
 SECONDS, WARM_SECONDS = 0.5, 0.05
 """Seconds between looks for new shapes, and for a warm worker."""
@@ -109,19 +108,13 @@ class CandidateReader:
         return described | _described(self._descriptors, self.records(missing))
 
     def points(self, numbers: Sequence[int]) -> dict[int, bytes]:
-        """Return points by number; those that are not stored, or damaged, are made from the embedding."""
+        """Return points by number."""
         points = self._points.get(numbers)
-        missing = [number for number in numbers if number not in points]
-        if not missing:
-            return points
-        with self._database.read() as session:
-            read = repository.stored_points(session, missing)
-        for number, record in self.records([number for number in missing if number not in read]).items():
-            with suppress(CoreError):
-                read[number] = quantised_points(embedding_from_bytes(record))
-        for number, stored in read.items():
-            self._points.put(number, stored)
-        return points | read
+        for number, record in self.records([number for number in numbers if number not in points]).items():
+            with suppress(BadRecordError):
+                points[number] = points_in(record)
+                self._points.put(number, points[number])
+        return points
 
 
 def collection_sample(

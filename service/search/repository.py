@@ -1,4 +1,4 @@
-"""The SQL of search: records and points by embedding, and nearest signatures in PostgreSQL with pgvector.
+"""The SQL of search: records by embedding, and nearest signatures in PostgreSQL with pgvector.
 
 PostgreSQL finds neighbours by exact search, or by an HNSW index (`service.storage.postgresql`).
 """
@@ -40,7 +40,6 @@ from service.storage.tables import (
     CoarseSamplesRow,
     EmbeddingRow,
     PieceRow,
-    QuantisedPointsRow,
     ShapeRow,
 )
 
@@ -61,24 +60,12 @@ def embedding_records(session: ReadSession, numbers: Sequence[int]) -> dict[int,
     """Return the records of embeddings by number, without deleted and damaged ones; these are logged."""
     row = EmbeddingRow
     query = select(row.number, row.record, row.checksum).where(row.number.in_(numbers))
-    return _whole(session, query, "embedding")
-
-
-def stored_points(session: ReadSession, numbers: Sequence[int]) -> dict[int, bytes]:
-    """Return the points of embeddings by number, without deleted and damaged ones; these are logged."""
-    row = QuantisedPointsRow
-    query = select(row.embedding_number, row.data, row.checksum).where(row.embedding_number.in_(numbers))
-    return _whole(session, query, "point cloud of embedding")
-
-
-def _whole(session: ReadSession, query: Select[int, bytes, str], kind: str) -> dict[int, bytes]:
-    """Return the data that have their checksums, by the number of their embedding."""
     whole = {}
-    for number, data, checksum in session.execute(query):
-        if is_whole(data, checksum):
-            whole[number] = data
+    for number, record, checksum in session.execute(query):
+        if is_whole(record, checksum):
+            whole[number] = record
         else:
-            log.error("%s %d is damaged: it does not have its checksum", kind, number)
+            log.error("embedding %d is damaged: it does not have its checksum", number)
     return whole
 
 

@@ -22,7 +22,6 @@ from service.storage.tables import (
     CoarseSamplesRow,
     EmbeddingRow,
     PieceRow,
-    QuantisedPointsRow,
     ShapeRow,
     ThumbnailRow,
 )
@@ -162,8 +161,6 @@ def add_embedding(
         "checksum": checksum_of(embedded.coarse_samples),
     }
     session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
-    points = {"data": embedded.quantised_points, "checksum": checksum_of(embedded.quantised_points)}
-    session.insert(QuantisedPointsRow, {"embedding_number": number, **points})
     count = number_of_pieces(embedded.pieces)
     for place, lengths in enumerate(embedded.pieces):
         row = {"place": place, "size": float(lengths[SIZE]), "pieces": count, "lengths": lengths}

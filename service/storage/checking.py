@@ -41,7 +41,6 @@ MOST_INTEGRITY_FAULTS = 100
 # Other tables with bytes in their column `data`: the key that orders the rows.
 OTHER_BYTES = {
     "coarse_samples": "embedding_number",
-    "quantised_points": "embedding_number",
     "thumbnails": "rowid",
     "neighbours": "rowid",
 }
@@ -61,9 +60,6 @@ REFERENCES = {
     "embedding {} has no coarse samples": """
         SELECT number FROM embeddings
         WHERE NOT EXISTS (SELECT 1 FROM coarse_samples WHERE embedding_number = embeddings.number)""",
-    "embedding {} has no quantised points": """
-        SELECT number FROM embeddings
-        WHERE NOT EXISTS (SELECT 1 FROM quantised_points WHERE embedding_number = embeddings.number)""",
     "embedding {} has another signature beside its coarse samples": """
         SELECT number FROM embeddings JOIN coarse_samples ON embedding_number = embeddings.number
         WHERE coarse_samples.signature <> embeddings.signature""",

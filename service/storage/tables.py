@@ -219,21 +219,6 @@ class CoarseSamplesRow(Table):
     checksum: Mapped[str] = mapped_column(String(LENGTH))
 
 
-class QuantisedPointsRow(Table):
-    """The quantised points of an embedding (`core.ranking.reranking`).
-
-    A query re-ranks hundreds of shapes by them: they take a sixth of the bytes of records.
-    """
-
-    __tablename__ = "quantised_points"
-
-    embedding_number: Mapped[int] = mapped_column(
-        ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
-    data: Mapped[bytes] = mapped_column(LargeBinary)
-    checksum: Mapped[str] = mapped_column(String(LENGTH))
-
-
 class PieceRow(Table):
     """A kind of the pieces of an embedding's surface: a row of `core.descriptors.pieces`.
 

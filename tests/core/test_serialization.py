@@ -1,6 +1,7 @@
 """Records: an embedding to bytes and back, and bytes that are none."""
 
 import json
+import zlib
 from dataclasses import asdict, fields, replace
 
 import numpy as np
@@ -16,9 +17,10 @@ from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.views import VIEW_BYTES
 from core.embedding import NO_ORIENTATION, Embedding, Spectrum
 from core.errors import BadRecordError
+from core.matching.quantised_points import points_length, rounded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
+from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes, points_in
 from core.spectral.spectral_embedding import SPECTRUM
 from tests.core.shapes import FACTS as CLOSED
 from tests.core.shapes import blob
@@ -31,6 +33,7 @@ FACTS = replace(
 def embedding(*, samples=12, spectra=2, seed=0):
     rng = np.random.default_rng(seed)
     edges = np.stack([np.arange(samples - 1), np.arange(1, samples)], axis=1).astype(np.int32)
+    regions = np.arange(2 * samples, dtype=np.int32) % samples
     return Embedding(
         fingerprint="0123456789abcdef",
         facts=FACTS,
@@ -39,13 +42,13 @@ def embedding(*, samples=12, spectra=2, seed=0):
         graph_edges=np.concatenate([edges, [[0, samples - 1]]]).astype(np.int32),
         graph_lengths=rng.random(samples).astype(np.float32),
         tree_edges=edges,
-        regions=np.arange(2 * samples, dtype=np.int32) % samples,
+        regions=regions,
         signature=rng.random(9).astype(np.float32),
         spectra=tuple(
             Spectrum(
                 name,
                 rng.random(5 + i).astype(np.float32),
-                rng.normal(size=(2 * samples, 4 + i)).astype(np.float32),
+                rounded(rng.normal(size=(2 * samples, 4 + i)).astype(np.float32), regions),
             )
             for i, name in enumerate(("affinity", "laplace-beltrami")[:spectra])
         ),
@@ -68,6 +71,8 @@ ARRAYS = [
     for field in fields(Embedding)
     if field.name not in ("fingerprint", "facts", "spectra", "descriptors")
 ]
+BESIDE = [name for name in ARRAYS if name != "regions"]
+"""The arrays that are not in the quantised points."""
 
 
 @pytest.mark.parametrize("spectra", [1, 2])
@@ -107,9 +112,19 @@ def refused(data, match=None):
         embedding_from_bytes(data)
 
 
+def inflated(record):
+    """The arrays beside the points of a record."""
+    return load(zlib.decompress(record[points_length(record) :]))
+
+
+def saved(arrays):
+    """A record of the points of an embedding and of other arrays beside them."""
+    return points_in(embedding_to_bytes(embedding())) + zlib.compress(save(arrays))
+
+
 def arrays_with(header=None, **others):
     """The record of an embedding with other arrays, or with another header of bytes or of changed values."""
-    arrays = load(embedding_to_bytes(embedding())) | others
+    arrays = inflated(embedding_to_bytes(embedding())) | others
     if isinstance(header, dict):
         header = json.dumps(json.loads(arrays["header"].tobytes()) | header).encode()
     if header is not None:
@@ -143,15 +158,15 @@ OPTIONAL = "network_views"
 
 
 @pytest.mark.parametrize(
-    "missing", ["header", *ARRAYS, *sorted(DESCRIPTORS.keys() - {OPTIONAL}), "eigenvalues_0", "coordinates_1"]
+    "missing", ["header", *BESIDE, *sorted(DESCRIPTORS.keys() - {OPTIONAL}), "eigenvalues_0"]
 )
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = arrays_with()
     del arrays[missing]
-    refused(save(arrays))
+    refused(saved(arrays))
     if missing in ("header", "signature", *DESCRIPTORS):
         with pytest.raises(BadRecordError):
-            descriptors_from_bytes(save(arrays))
+            descriptors_from_bytes(saved(arrays))
 
 
 def test_the_embeddings_that_the_pipeline_makes_are_records():
@@ -162,7 +177,7 @@ def test_the_embeddings_that_the_pipeline_makes_are_records():
 
 
 def changed(name, change):
-    return save(arrays_with(**{name: np.array(change(arrays_with()[name].copy()), order="C")}))
+    return saved(arrays_with(**{name: np.array(change(arrays_with()[name].copy()), order="C")}))
 
 
 def with_last(name, value):
@@ -171,7 +186,7 @@ def with_last(name, value):
     )
 
 
-@pytest.mark.parametrize("name", [*ARRAYS, *DESCRIPTORS, "eigenvalues_0", "coordinates_1"])
+@pytest.mark.parametrize("name", [*BESIDE, *DESCRIPTORS, "eigenvalues_0"])
 def test_an_array_of_another_type_or_shape_is_refused(name):
     other = {
         "float32": np.float64,
@@ -190,30 +205,24 @@ def test_an_array_of_another_type_or_shape_is_refused(name):
         refused(changed(name, change))
 
 
-@pytest.mark.parametrize("name", [*sorted(set(ARRAYS) - {"signature", "pieces"}), "coordinates_0"])
+@pytest.mark.parametrize("name", sorted(set(BESIDE) - {"signature", "pieces"}))
 def test_an_array_that_is_shorter_than_the_others_is_refused(name):
     refused(changed(name, lambda array: array[:-1]))
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize(
-    "name", ["positions", "graph_lengths", "signature", "eigenvalues_1", "coordinates_0"]
-)
+@pytest.mark.parametrize("name", ["positions", "graph_lengths", "signature", "eigenvalues_1"])
 def test_a_number_that_is_not_finite_is_refused(name, value):
     refused(with_last(name, value), "not finite")
 
 
 @pytest.mark.parametrize("index", [-1, 12, FACTS.vertices, 2**31 - 1])
-@pytest.mark.parametrize("name", ["vertices", "graph_edges", "tree_edges", "regions"])
+@pytest.mark.parametrize("name", ["vertices", "graph_edges", "tree_edges"])
 def test_an_index_of_nothing_is_refused(name, index):
     if name == "vertices" and 0 <= index < FACTS.vertices:
         embedding_from_bytes(with_last(name, index))
     else:
         refused(with_last(name, index), "out of range")
-
-
-def test_points_that_do_not_begin_with_the_samples_are_refused():
-    refused(changed("regions", lambda array: array[::-1]), "samples")
 
 
 @pytest.mark.parametrize(
@@ -222,7 +231,17 @@ def test_points_that_do_not_begin_with_the_samples_are_refused():
         *(b"", b"\xff\xfe", b"[]", b"null", b'"text"', b"{}"),
         *({"facts": facts, "spectra": []} for facts in ({}, {"colour": 1}, [])),
         *({"fingerprint": 7}, {"fingerprint": None}),
-        *({"spectra": names} for names in ([], ["affinity"] * 2, [["affinity"], "laplace-beltrami"])),
+        *(
+            {"spectra": names}
+            for names in (
+                [],
+                ["affinity", "laplace-beltrami"],
+                [["affinity", 4], ["affinity", 5]],
+                [["affinity", 4], [["laplace-beltrami"], 5]],
+                [["affinity", 4], ["laplace-beltrami", 4]],
+                [["affinity", 10], ["laplace-beltrami", -1]],
+            )
+        ),
         *({"facts": {**asdict(FACTS), "area": area}} for area in (float("nan"), -1.0)),
         *({"facts": {**asdict(FACTS), "faces": faces}} for faces in (1.5, True)),
         {"facts": {**asdict(FACTS), "scale": "1"}},
@@ -231,7 +250,7 @@ def test_points_that_do_not_begin_with_the_samples_are_refused():
     ],
 )
 def test_a_header_that_is_not_one_or_has_a_value_of_the_wrong_kind_is_refused(header):
-    refused(save(arrays_with(header)))
+    refused(saved(arrays_with(header)))
 
 
 def test_descriptors_are_those_of_the_embedding():
@@ -268,7 +287,7 @@ def test_a_record_may_lack_the_views_of_a_network():
     ],
 )
 def test_descriptors_of_the_wrong_shape_or_type_are_refused(name, value):
-    data = save(arrays_with(**{name: value}))
+    data = saved(arrays_with(**{name: value}))
     refused(data)
     with pytest.raises(BadRecordError):
         descriptors_from_bytes(data)

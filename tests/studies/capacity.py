@@ -29,8 +29,9 @@ from core.arrays import Float32s
 from core.gallery import make_shape
 from core.io import write_mesh
 from core.matching.match_records import match_record
+from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
-from core.ranking.reranking import coarse_samples, quantised_points
+from core.ranking.reranking import coarse_samples
 from core.ranking.shortlist import least, signature_distances
 from core.serialization import embedding_to_bytes
 from service.collection import DEFAULT_COLLECTION

@@ -15,14 +15,14 @@ from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
 MATCH_RECORD, POINTS, COARSE_SAMPLES = 0, 1, 2
-"""The form of the others: encoded match records, quantised points (`core.ranking.reranking`), or
-coarse samples (there too)."""
+"""The form of the others: encoded match records, quantised points (`core.matching.quantised_points`), or
+coarse samples (`core.ranking.reranking`)."""
 
 NEW_DIRECTION = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
 
-EXPONENT, LARGE = 0x7F800000, 0x7C000000
-"""The bits of a float32 number's exponent, and the least exponent whose numbers times 128 are not finite."""
+EXPONENT, LARGE = 0x7F800000, 0x71800000
+"""The bits of a float32 number's exponent, and those of 2^100: larger units and samples are refused."""
 
 
 @kernel
@@ -77,8 +77,8 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
 
 
 @kernel
-def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
-    """Write the points of each sample's region, and return whether each region has a point.
+def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> None:
+    """Write the points of each sample's region.
 
     Parameters
     ----------
@@ -94,15 +94,12 @@ def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> bool:
     offsets[:] = 0
     for i in range(len(regions)):
         offsets[regions[i] + 1] += 1
-    complete = True
     for i in range(m):
-        complete = complete and offsets[i + 1] > 0
         offsets[i + 1] += offsets[i]
     following = offsets.copy()
     for i in range(len(regions)):
         members[following[regions[i]]] = i
         following[regions[i]] += 1
-    return complete
 
 
 @kernel
@@ -119,52 +116,75 @@ def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
 
 @kernel
 def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
-    """Return the coordinates, shape (d, columns), and regions, shape (d,), in the bytes of points.
+    """Return the coordinates, shape (d, columns), and regions, shape (d,), in the bytes of quantised points.
 
-    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, or a coordinate is
-    not finite.
+    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, a coordinate is not
+    finite, or a region is not that of a sample. `core.matching.quantised_points` is the reference.
     """
     nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
     head = data.view(np.int32)
-    if len(head) < 2 or head[0] < 1 or head[1] != columns:
+    if len(head) < 3 or head[1] < 1 or head[0] < head[1] or head[2] != columns:
         return nothing
-    # The length that the numbers of points and columns ask for.
+    # The length that the numbers of points, samples and columns ask for.
     d = np.int64(head[0])
-    start = 8 + 4 * columns + 4 * d
-    if len(data) != (start + d * columns + 3) // 4 * 4:
+    m = np.int64(head[1])
+    samples_start = np.int64(12 + 8 * columns)
+    regions_start = samples_start + (2 if d > m else 4) * m * columns
+    offsets_start = regions_start + 2 * (d - m)
+    stop = offsets_start + (d - m) * columns
+    if len(data) != (stop + 3) // 4 * 4:
         return nothing
     # Fast arithmetic assumes finite numbers: look at the bits.
-    for c in range(columns):
-        if (head[2 + c] & EXPONENT) >= LARGE:
+    for c in range(2 * columns):
+        if (head[3 + c] & EXPONENT) >= LARGE:
             return nothing
-    scales = data[8 : 8 + 4 * columns].view(np.float32)
-    regions = data[8 + 4 * columns : start].view(np.int32)
-    return dequantised_points(data[start : start + d * columns], scales), regions
+    units = data[12:samples_start].view(np.float32)
+    samples = data[samples_start:regions_start]
+    near = data[regions_start:offsets_start].view(np.uint16)
+    offsets = data[offsets_start:stop].view(np.int8)
+    points = np.empty((d, columns), dtype=np.float32)
+    regions = np.empty(d, dtype=np.int32)
+    # The samples: whole numbers over their units, or floats where there are no other points.
+    whole = samples.view(np.int16)
+    bits = samples[: len(samples) // 4 * 4].view(np.int32)
+    floats = bits.view(np.float32)
+    for i in range(m):
+        regions[i] = i
+        for c in range(columns):
+            number = i * columns + c
+            if d > m:
+                points[i, c] = np.float32(whole[number]) * units[c]
+            elif (bits[number] & EXPONENT) >= LARGE:
+                return nothing
+            else:
+                points[i, c] = floats[number]
+    for i in range(d - m):
+        region = np.int32(near[i])
+        if region >= m:
+            return nothing
+        regions[m + i] = region
+        for c in range(columns):
+            offset = np.float32(offsets[i * columns + c]) * units[columns + c]
+            points[m + i, c] = points[region, c] + offset
+    return points, regions
 
 
 @kernel
 def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
     """Return a match record with flat splines, and with the warp, radius and key of x, which no map reads.
 
-    Its points are none if the bytes are not those of points in b k columns, a coordinate is not finite, or a
-    region is not that of a sample.
+    Its points are none if `points_of` finds none.
     """
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
     points, regions = points_of(data, columns)
-    d = len(regions)
     # The regions are those of the samples 0 to n - 1.
     n = 0
-    for i in range(d):
-        if regions[i] < 0 or regions[i] >= d:
-            return MatchRecord(
-                points[:0], x.searched, x.operators, x.offsets, x.members, x.warp, x.radius, x.key
-            )
+    for i in range(len(regions)):
         n = max(n, int(regions[i]) + 1)
     offsets = np.empty(n + 1, dtype=np.int32)
-    members = np.empty(d, dtype=np.int32)
-    if not sorted_regions(regions, offsets, members):
-        points = points[:0]
+    members = np.empty(len(regions), dtype=np.int32)
+    sorted_regions(regions, offsets, members)
     # The first samples, with splines made from them.
     samples = min(rounds.search_samples, n, len(points))
     searched = searched_columns(points, domains, dimensions, samples)

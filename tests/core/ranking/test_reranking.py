@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.match_record import ONE, decoded
-from core.matching.kernels.one_to_many import flat_splines, points_of
+from core.matching.kernels.one_to_many import flat_splines
 from core.matching.match_records import match_record, score_match_records, search_rounds
+from core.matching.quantised_points import decoded_points, quantised_points
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, quantised_points, rerank
+from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, rerank
 from tests.core.matching.clouds import cloud, embedded, random_embedding
 from tests.core.matching.reference import best_map_reference, fit_map_reference
 from tests.gallery import make_shape
@@ -39,15 +40,6 @@ def records(embeddings):
 @pytest.fixture(scope="module")
 def points(embeddings):
     return [quantised_points(embedding) for embedding in embeddings]
-
-
-def plainly_read(data):
-    """The coordinates and the regions in the bytes of points."""
-    d, columns = np.frombuffer(data, np.int32, 2)
-    scales = np.frombuffer(data, np.float32, columns, 8)
-    regions = np.frombuffer(data, np.int32, d, 8 + 4 * columns)
-    whole = np.frombuffer(data, np.int8, d * columns, 8 + 4 * columns + 4 * d)
-    return whole.reshape(d, columns) * scales, regions
 
 
 def flat(searched):
@@ -80,7 +72,7 @@ def test_it_is_the_plain_match_with_flat_splines(records, points):
     differences = []
     for first, second in product(range(len(records)), repeat=2):
         other = decoded(records[second])
-        coordinates = plainly_read(points[second])[0]
+        coordinates = decoded_points(points[second])[0]
         samples = coordinates[: other.searched.shape[2]].T.reshape(
             len(other.searched), -1, other.searched.shape[2]
         )
@@ -107,18 +99,6 @@ def test_many_are_reranked_as_one_by_one(records, points):
     assert rerank(records[0], [], DEFAULT).shape == (0,)
 
 
-def test_points_are_quantised_in_each_column(embeddings, points):
-    for embedding, data in zip(embeddings, points, strict=True):
-        coordinates, regions = plainly_read(data)
-        exact = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)
-        assert np.array_equal(regions, embedding.regions)
-        assert np.all(np.abs(coordinates - exact) <= 0.501 * np.abs(exact).max(axis=0) / 127)
-        assert len(data) % 4 == 0
-        found = points_of(np.frombuffer(data, np.uint8), exact.shape[1])
-        assert np.array_equal(found[0], coordinates)
-        assert np.array_equal(found[1], regions)
-
-
 def with_number(data, place, number):
     """Points with another int32 or float32 at a place of their bytes."""
     return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
@@ -142,10 +122,16 @@ def test_bytes_that_are_no_points_have_no_score(records, points):
         with_number(sound, 0, np.int32(0)),
         with_number(sound, 0, np.int32(-1)),
         with_number(sound, 0, np.int32(2**31 - 1)),
-        with_number(sound, 1, np.int32(COLUMNS - 1)),
-        with_number(sound, 1, np.int32(-1)),
+        *(with_number(sound, 1, np.int32(samples)) for samples in (0, -1, 501)),
+        with_number(sound, 2, np.int32(COLUMNS - 1)),
+        with_number(sound, 2, np.int32(-1)),
         *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf, 3e38, -4e36)),
-        *(with_number(sound, 2 + COLUMNS + 7, np.int32(region)) for region in (-1, 500, 2**31 - 1)),
+        # The regions of two points.
+        with_number(sound, 3 + 2 * COLUMNS + 50 * COLUMNS + 7, np.int32(100)),
+    ]
+    alone = points[5]
+    broken += [
+        with_number(alone, 3 + 2 * COLUMNS + 70, np.float32(value)) for value in (np.nan, np.inf, 3e38)
     ]
     found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)
     assert np.isnan(found).tolist() == [False, *(True for _ in broken), False]

@@ -17,11 +17,12 @@ from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
+from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
 from core.ranking.local_density import densities_in, density_sample
-from core.ranking.reranking import coarse_ranking, coarse_samples, quantised_points, rerank
+from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
 from service.search import caches, repository
@@ -176,7 +177,7 @@ def test_points_are_ready_where_queries_are_reranked(
     assert points.nbytes == sum(map(len, points.get(range(1000)).values()))
     expected = answer(running)
     with monkeypatch.context() as patch:
-        patch.setattr(repository, "stored_points", None)
+        patch.setattr(caches, "points_in", None)
         assert answer(running) == expected
     points.resize(0)
     assert answer(running) == expected

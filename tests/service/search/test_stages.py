@@ -4,19 +4,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from sqlalchemy import delete, update
 
 from core.arrays import Float32s
 from core.descriptors.registry import ShapeDescriptors
-from core.embedding import Embedding
 from core.evaluation.perturbation import cut_part
 from core.io import write_mesh
 from core.parameters import Parameters
-from core.ranking.reranking import quantised_points, rerank
-from service.search import caches, repository, scoring
+from core.ranking.reranking import rerank
+from service.search import repository, scoring
 from service.search.caches import CandidateReader
 from service.storage.database import ReadSession
-from service.storage.tables import QuantisedPointsRow
 from tests.gallery import make_shape
 from tests.service.support import Running, module_service, query, small_file
 
@@ -74,32 +71,3 @@ def test_a_query_reads_each_record_once(
     answer = query(stocked.client, small_file(0), top_k=2, **options).json()
     assert len(answer["results"]) == 2
     assert sorted(set(read)) == sorted(read) != []
-
-
-def test_without_whole_points_the_embedding_is_read(
-    stocked: Running, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The last test here, since it damages what is stored."""
-    made: list[Embedding] = []
-
-    def counted(embedding: Embedding) -> bytes:
-        made.append(embedding)
-        return quantised_points(embedding)
-
-    def answer() -> list[tuple[str, float]]:
-        found = query(stocked.client, small_file(STORED), rank_by="cc", top_k=2).json()
-        return [(each["shape"]["name"], each["cc"]) for each in found["results"]]
-
-    monkeypatch.setattr(caches, "quantised_points", counted)
-    before = answer()
-    assert not made
-    some = QuantisedPointsRow.embedding_number % 2 == 0
-    for statement in (
-        update(QuantisedPointsRow).values(data=b"damaged."),
-        delete(QuantisedPointsRow).where(some),
-    ):
-        with stocked.container.database.write() as session:
-            session.execute(statement)
-        made.clear()
-        assert answer() == before
-        assert len(made) == LENGTHS["reranked"]
