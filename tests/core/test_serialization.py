@@ -267,10 +267,10 @@ def test_descriptors_are_those_of_the_embedding():
 def test_a_record_may_lack_the_views_of_a_network():
     arrays = arrays_with()
     del arrays[OPTIONAL]
-    found = embedding_from_bytes(save(arrays))
+    found = embedding_from_bytes(saved(arrays))
     assert found.descriptors.keys() == DESCRIPTORS.keys() - {OPTIONAL}
     assert embedding_from_bytes(embedding_to_bytes(found)).descriptors.keys() == found.descriptors.keys()
-    assert descriptors_from_bytes(save(arrays)).arrays.keys() == found.descriptors.keys()
+    assert descriptors_from_bytes(saved(arrays)).arrays.keys() == found.descriptors.keys()
 
 
 @pytest.mark.parametrize(
