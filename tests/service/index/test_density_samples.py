@@ -17,7 +17,7 @@ from tests.service.support import Running, query, serving, settings_in, small_fi
 
 pytestmark = on_both
 
-SHAPES = 14
+SHAPES = 9
 
 
 def sample_of(running: Running) -> CollectionSample:

@@ -1,17 +1,17 @@
 """Two server processes on one archive."""
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import httpx
+import pytest
+from typer.testing import CliRunner
 
+from service.cli.commands import command_line
 from service.storage.sqlite import ServingLock, path_of
 from tests.service.engines import on_postgresql, url_in
 from tests.service.processes import server
-from tests.service.support import query, small_file, upload
+from tests.service.support import query, serving, settings_in, small_file, upload
 
 WRITERS = 8
 TURNS = 2
@@ -72,20 +72,23 @@ def test_two_services_see_each_others_writes_and_many_writers_on_them_lose_nothi
             assert {each["shape"]["id"] for each in answer["results"]} == {each["id"] for each in shapes}
 
 
-def test_a_second_service_on_an_sqlite_archive_is_refused_unless_it_is_told_to_share(tmp_path: Path) -> None:
+def test_a_second_service_on_an_sqlite_archive_is_refused_unless_it_is_told_to_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[object] = []
+    monkeypatch.setattr("service.server.uvicorn_server.run", lambda app, *_: begun.append(app))
+    serve, environment = ["serve", "--port", "0"], {"ISOSHAPE_DATABASE_URL": url_in(tmp_path)}
     with server(tmp_path) as (process, client):
-        command = [sys.executable, "-P", "-m", "service.cli", "serve", "--port", "0"]
-        environment = {**os.environ, "ISOSHAPE_DATABASE_URL": url_in(tmp_path), "ISOSHAPE_WORKERS": "1"}
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, timeout=60, check=False
-        )
-        assert done.returncode == 1
-        (line,) = done.stderr.splitlines()
+        refused = CliRunner().invoke(command_line(), serve, env=environment)
+        assert (refused.exit_code, begun) == (1, [])
+        (line,) = refused.stderr.splitlines()
         assert f"already served by process {process.pid} at {str(client.base_url).rstrip('/')}" in line
         assert "--shared" in line
-        with server(tmp_path, shared=True) as (_, other):
+        told = CliRunner().invoke(command_line(), [*serve, "--shared"], env=environment)
+        assert (told.exit_code, len(begun)) == (0, 1)
+        with serving(settings_in(tmp_path)) as other:
             shape = upload(client, small_file(0), "0.off").json()
-            assert other.get(f"/shapes/{shape['id']}").status_code == 200
+            assert other.client.get(f"/shapes/{shape['id']}").status_code == 200
     # The lock ends with its process, and the file alone refuses nothing.
     with ServingLock(path_of(url_in(tmp_path)), "http://127.0.0.1:1"):
         pass
