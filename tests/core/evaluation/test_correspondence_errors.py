@@ -1,5 +1,6 @@
 """Errors of correspondences, on truths made by hand and on bodies whose truth is known by construction."""
 
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from scipy.sparse.csgraph import dijkstra
 
 from core.errors import ParameterError
+from core.evaluation import correspondence_errors
 from core.evaluation.correspondence_errors import (
     MEASURED,
     MOST_ERROR,
@@ -122,6 +124,14 @@ def test_distances_are_in_units_of_the_root_of_the_area():
     np.testing.assert_array_equal(found, found.T)
 
 
+@pytest.fixture
+def small_bodies(monkeypatch):
+    """The studies of bodies at full size are among those of the command."""
+    monkeypatch.setattr(correspondence_errors, "make_body", partial(make_body, vertices=1000))
+    monkeypatch.setattr(correspondence_errors, "REMESHED", 850)
+
+
+@pytest.mark.usefixtures("small_bodies")
 @pytest.mark.parametrize("remeshed", [False, True])
 def test_poses_of_pliers_are_matched_rightly(remeshed):
     found = study_body("pliers", 0, 2, DEFAULT, remeshed=remeshed)
@@ -136,6 +146,7 @@ def test_poses_of_pliers_are_matched_rightly(remeshed):
     assert all(pair.cc > 0.9 for pair in found.pairs)
 
 
+@pytest.mark.usefixtures("small_bodies")
 def test_individuals_are_matched_each_with_each_other():
     found = study_individuals("hand", 2, DEFAULT)
     assert [(pair.first, pair.second) for pair in found.pairs] == [(0, 1), (1, 0)]
