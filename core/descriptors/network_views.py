@@ -59,6 +59,16 @@ def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
     return np.asarray(1.0 - 0.5 * (cosines.max(axis=1).mean(axis=1) + cosines.max(axis=2).mean(axis=1)))
 
 
+def mean_view(views: Int8s) -> Float32s:
+    """Return the mean direction of the views of a surface, shape (FEATURES,), of unit length or 0.
+
+    Surfaces whose mean directions have a small angle are mostly those at a small distance.
+    """
+    directions = views.astype(np.float32) / _lengths(views.astype(np.float32))[:, None]
+    mean = directions.mean(axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-6), dtype=np.float32)
+
+
 def _lengths(views: Float32s) -> Floats:
     """Return the norms of views, shape (..., VIEWS): sums of whole numbers, exact in any order."""
     squares = np.einsum("...f,...f->...", views, views).astype(np.float64)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from core.arrays import Bytes, Floats, Int8s
+from core.arrays import Bytes, Float32s, Floats, Int8s, Ints
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
-from core.descriptors.network_views import network_view_distance
+from core.descriptors.network import FEATURES
+from core.descriptors.network_views import mean_view, network_view_distance
 from core.descriptors.registry import ShapeDescriptors
 from core.descriptors.views import (
     SIGNATURE_BYTES,
@@ -84,8 +85,8 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
 
 
 NEAR_VIEWS = 16
-"""Number of shapes, the nearest by view signature, whose view distances are computed: the seventh nearest by
-view distance is mostly among them."""
+"""Number of shapes, the nearest by view signature or by mean view, whose distances are computed: the seventh
+nearest by view distance is mostly among them."""
 
 UNMEASURED = 1e9
 """Stands for the view distances of all other shapes, which are larger."""
@@ -103,14 +104,17 @@ class DensitySample:
     views : uint8, shape (m, VIEW_BYTES)
     network_views : list of int8 arrays
         Of those that have them.
+    mean_views : float32, shape (n, FEATURES)
+        `core.descriptors.network_views.mean_view` of those.
     with_network : bool, shape (m,)
-        Whether a shape is one of those.
+        Whether a shape is one of those, n in all.
     """
 
     eigenvalues: Floats
     view_signatures: Bytes
     views: Bytes
     network_views: list[Int8s]
+    mean_views: Float32s
     with_network: NDArray[np.bool_]
 
 
@@ -118,11 +122,14 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
     """Return the sample of some shapes, in their order."""
     views = [shape.arrays["views"] for shape in shapes]
     signatures = [view_signature(descriptor) for descriptor in views]
+    network_views = [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays]
+    means = [mean_view(each) for each in network_views]
     return DensitySample(
         _eigenvalues(shapes),
         np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
         np.array(views, dtype=np.uint8).reshape(len(shapes), VIEW_BYTES),
-        [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays],
+        network_views,
+        np.array(means, dtype=np.float32).reshape(len(means), FEATURES),
         np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
     )
 
@@ -141,10 +148,7 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
     views[np.isinf(spectral)] = np.inf
     for row, others, shape in zip(views, spectral, shapes, strict=True):
         signature = view_signature(shape.arrays["views"])
-        near = signature_distance(signature, sample.view_signatures).astype(np.float64)
-        near[np.isinf(others)] = np.inf
-        nearest = least(near, np.arange(len(near)), NEAR_VIEWS)
-        nearest = nearest[np.isfinite(near[nearest])]
+        nearest = _nearest(signature_distance(signature, sample.view_signatures), others)
         row[nearest] = view_distance(shape.arrays["views"], sample.views[nearest])
     return LocalDensities(
         neighbour_distances(spectral, TYPICAL_SPECTRAL),
@@ -159,12 +163,22 @@ def _network_distances(sample: DensitySample, shapes: list[ShapeDescriptors], sp
     They are infinite between a shape and itself, and from a shape without such views.
     """
     known = sample.with_network
-    distances = np.full((len(shapes), int(known.sum())), np.inf)
+    distances = np.full((len(shapes), len(sample.network_views)), np.inf)
     for row, others, shape in zip(distances, spectral[:, known], shapes, strict=True):
-        if len(row) and NETWORK in shape.arrays:
-            measured = network_view_distance(shape.arrays[NETWORK], sample.network_views)
-            row[:] = np.where(np.isinf(others), np.inf, measured)
+        views = shape.arrays.get(NETWORK)
+        if views is not None:
+            row[np.isfinite(others)] = UNMEASURED
+            nearest = _nearest(1.0 - sample.mean_views @ mean_view(views), others)
+            if len(nearest):
+                row[nearest] = network_view_distance(views, [sample.network_views[i] for i in nearest])
     return distances
+
+
+def _nearest(distances: NDArray[np.generic], others: Floats) -> Ints:
+    """Return the places of the `NEAR_VIEWS` least distances where those to `others` are finite."""
+    near = np.where(np.isinf(others), np.inf, distances.astype(np.float64))
+    nearest = least(near, np.arange(len(near)), NEAR_VIEWS)
+    return np.asarray(nearest[np.isfinite(near[nearest])])
 
 
 def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:

@@ -1,12 +1,13 @@
 """Distances to the seventh neighbour, against sorting, and in a sample, against all distances."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
+from core.descriptors.network_views import network_view_distance
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_distance
 from core.gallery import CLASSES
@@ -14,6 +15,7 @@ from core.pipeline import Pipeline
 from core.ranking.local_density import (
     ENOUGH,
     NEIGHBOUR,
+    TYPICAL_NETWORK,
     TYPICAL_SPECTRAL,
     TYPICAL_VIEW,
     densities_in,
@@ -60,18 +62,32 @@ def plain(sample, shape):
     )
     views = view_distance(shape.arrays["views"], np.stack([one.arrays["views"] for one in sample]))
     itself = spectral == 0.0
-    return np.where(itself, np.inf, spectral), np.where(itself, np.inf, views)
+    seen = network_view_distance(
+        shape.arrays["network_views"], [one.arrays["network_views"] for one in sample]
+    )
+    return tuple(np.where(itself, np.inf, distances) for distances in (spectral, views, seen))
 
 
 @pytest.mark.parametrize("count", [1, 3, 12])
 def test_densities_are_those_of_all_distances(count):
     sample = shapes()[:count]
     found = densities_in(density_sample(sample), shapes())
-    spectral, views = zip(*(plain(sample, shape) for shape in shapes()), strict=True)
+    spectral, views, seen = zip(*(plain(sample, shape) for shape in shapes()), strict=True)
     assert found.spectral == pytest.approx(
         neighbour_distances(np.array(spectral), TYPICAL_SPECTRAL), rel=1e-6
     )
     assert found.view == pytest.approx(neighbour_distances(np.array(views), TYPICAL_VIEW), rel=1e-12)
+    assert found.network == pytest.approx(neighbour_distances(np.array(seen), TYPICAL_NETWORK), rel=1e-12)
+
+
+def test_a_shape_without_views_of_the_network_has_a_typical_density_of_them():
+    bare = [replace(shape, arrays={"views": shape.arrays["views"]}) for shape in shapes()[:2]]
+    sample = density_sample([*bare, *shapes()[2:]])
+    assert densities_in(sample, bare).network.tolist() == [TYPICAL_NETWORK] * 2
+    seen = [plain(shapes()[2:], shape)[2] for shape in shapes()[2:]]
+    expected = neighbour_distances(np.array(seen), TYPICAL_NETWORK)
+    assert densities_in(sample, shapes()[2:]).network == pytest.approx(expected, rel=1e-12)
+    assert densities_in(density_sample(bare), shapes()).network.tolist() == [TYPICAL_NETWORK] * len(shapes())
 
 
 def test_copies_of_a_shape_are_no_neighbours_of_it():
@@ -81,6 +97,7 @@ def test_copies_of_a_shape_are_no_neighbours_of_it():
         before, after = (densities_in(each, [shapes()[one]]) for each in (sample, doubled))
         assert (before.spectral == after.spectral).all() == (one == 0)
         assert (before.view == after.view).all() == (one == 0)
+        assert (before.network == after.network).all() == (one == 0)
 
 
 def test_a_density_does_not_depend_on_the_other_shapes_asked_for():
@@ -88,7 +105,8 @@ def test_a_density_does_not_depend_on_the_other_shapes_asked_for():
     together = densities_in(sample, shapes())
     for place, shape in enumerate(shapes()):
         alone = densities_in(sample, [shape])
-        assert (alone.spectral[0], alone.view[0]) == (together.spectral[place], together.view[place])
+        for found, those in zip(astuple(alone), astuple(together), strict=True):
+            assert found[0] == those[place]
 
 
 def test_without_a_sample_densities_are_typical():
@@ -98,14 +116,19 @@ def test_without_a_sample_densities_are_typical():
 
 
 def test_the_nearest_views_of_many_shapes_are_mostly_found():
-    """Noise makes a sample of 400; only view distances to the nearest by signature are computed."""
+    """Noise makes a sample of 400; only distances to the nearest by signature or mean view are computed."""
     rng = np.random.default_rng(0)
     sample = [noisy(shape, rng) for shape in shapes() for _ in range(33)]
     queries = [noisy(shape, rng) for shape in shapes()]
     found = densities_in(density_sample(sample), queries)
-    truth = neighbour_distances(np.array([plain(sample, shape)[1] for shape in queries]), TYPICAL_VIEW)
-    assert (found.view >= truth - 1e-12).all()
-    assert found.view == pytest.approx(truth, rel=0.05)
+    _, views, seen = zip(*(plain(sample, shape) for shape in queries), strict=True)
+    for density, distances, typical in (
+        (found.view, views, TYPICAL_VIEW),
+        (found.network, seen, TYPICAL_NETWORK),
+    ):
+        truth = neighbour_distances(np.array(distances), typical)
+        assert (density >= truth - 1e-12).all()
+        assert density == pytest.approx(truth, rel=0.05)
 
 
 def noisy(shape: ShapeDescriptors, rng: np.random.Generator) -> ShapeDescriptors:
@@ -114,5 +137,11 @@ def noisy(shape: ShapeDescriptors, rng: np.random.Generator) -> ShapeDescriptors
     signature = shape.signature + np.float32(strength) * rng.standard_normal(
         shape.signature.shape, dtype=np.float32
     )
-    arrays = {**shape.arrays, "views": np.minimum(np.rint(views), 255).astype(np.uint8)}
+    seen = shape.arrays["network_views"] + 80 * strength * rng.normal(
+        size=shape.arrays["network_views"].shape
+    )
+    arrays = {
+        "views": np.minimum(np.rint(views), 255).astype(np.uint8),
+        "network_views": np.clip(np.rint(seen), -127, 127).astype(np.int8),
+    }
     return replace(shape, signature=signature, arrays=arrays)
