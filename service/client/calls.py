@@ -24,7 +24,14 @@ from service.client.requests import (
     segment,
 )
 from service.collection import Collection, Collections
-from service.duplicates.decision_schemas import Decided, DecidedPair, DecisionPage, MergedShape, Rule
+from service.duplicates.decision_schemas import (
+    Decided,
+    DecidedPair,
+    DecisionPage,
+    MergedShape,
+    MergeUndo,
+    Rule,
+)
 from service.duplicates.records import Decision
 from service.duplicates.schemas import DuplicatesAnswer
 from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
@@ -359,6 +366,12 @@ def merge(shapes: Sequence[str], *, keep: str = "oldest") -> Call[MergedShape]:
     """Merge shapes into the oldest, the newest, the largest or the one with an id; the others are deleted."""
     body = {"shapes": list(shapes), "keep": keep}
     return Call("POST", "/duplicates/merge", parsed(MergedShape), json=body)
+
+
+def undo_merge(merged: MergedShape) -> Call[Shape]:
+    """Restore the shapes that a merge deleted, and the tags and metadata of the one that stayed."""
+    body = MergeUndo.of(merged).model_dump(mode="json")
+    return Call("POST", "/duplicates/merge/undo", parsed(Shape), json=body)
 
 
 def apply_rule(rule: Rule) -> Call[Decided]:

@@ -8,15 +8,23 @@ from pydantic import AfterValidator
 from service.collections.endpoints import InCollection
 from service.container import Service
 from service.duplicates import decisions
-from service.duplicates.decision_schemas import Decided, DecisionPage, GroupDecision, Merge, MergedShape, Rule
+from service.duplicates.decision_schemas import (
+    Decided,
+    DecisionPage,
+    GroupDecision,
+    Merge,
+    MergedShape,
+    MergeUndo,
+    Rule,
+)
 from service.http.middleware import KEY_IN_SCOPE, while_connected
-from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
+from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import once_each
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
 from service.shapes.endpoints import PageOptions
 from service.shapes.fields import clean_id
-from service.shapes.schemas import read_cursor
+from service.shapes.schemas import Shape, read_cursor
 
 router = APIRouter(tags=["search"])
 
@@ -86,6 +94,30 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
     with container.database.write() as session:
         undo = container.settings.undo_time
         return decisions.merge(session, collection.number, wanted.shapes, wanted.keep, undo)
+
+
+@router.post(
+    "/duplicates/merge/undo",
+    summary="Undo a merge",
+    responses=documented(
+        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}),
+        "shape-not-found",
+        "file-in-place",
+        "name-taken",
+        "pipeline-unavailable",
+        *BODY_PROBLEMS,
+    ),
+)
+async def undo_merge(
+    wanted: MergeUndo, request: Request, container: Service, collection: InCollection
+) -> Shape:
+    """Restore the shapes that a merge deleted, and give the one that stayed its former tags and metadata.
+
+    The call can be repeated if it fails.
+    """
+    async with container.queue.admitted(request):
+        undone = decisions.undo_merge(container, collection.number, wanted)
+        return Shape.of(await while_connected(request, undone))
 
 
 @router.post(

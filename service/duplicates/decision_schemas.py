@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
 from service.duplicates.records import Decision, DecisionRecord
-from service.shapes.fields import Tags, clean_id, clean_text
+from service.shapes.fields import Metadata, Tags, clean_id, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
 
 MOST_SHAPES = 100
@@ -22,8 +22,9 @@ def _distinct(ids: list[str]) -> list[str]:
     return ids
 
 
+ShapeId = Annotated[str, AfterValidator(clean_id), Field(max_length=64)]
 ShapeIds = Annotated[
-    list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]],
+    list[ShapeId],
     AfterValidator(_distinct),
     Field(
         min_length=2,
@@ -127,14 +128,33 @@ class Merge(BaseModel):
 
 
 class MergedShape(BaseModel):
-    """The shape that stays after a merge.
-
-    To undo the merge, restore the `deleted` shapes, and give the shape its former tags and metadata.
-    """
+    """The shape that stays after a merge. POST /duplicates/merge/undo takes it back."""
 
     shape: Shape
     former: Shape = Field(description="The same shape as it was.")
     deleted: list[str] = Field(description="The ids of the deleted shapes, which can be restored.")
+
+
+class MergeUndo(BaseModel):
+    """A merge to undo, as its answer told."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"example": {"shape": SHAPE["id"], "tags": [], "metadata": {}, "deleted": [OTHER]}},
+    )
+
+    shape: ShapeId = Field(description="The id of the shape that stayed.")
+    tags: Tags = Field(description="Its former tags.")
+    metadata: Metadata = Field(description="Its former metadata.")
+    deleted: list[ShapeId] = Field(
+        min_length=1, max_length=MOST_SHAPES, description="The ids of the shapes that the merge deleted."
+    )
+
+    @classmethod
+    def of(cls, merged: MergedShape) -> "MergeUndo":
+        """Return what undoes a merge."""
+        former = merged.former
+        return cls(shape=former.id, tags=former.tags, metadata=former.metadata, deleted=merged.deleted)
 
 
 class Rule(Reasoned, Filters):

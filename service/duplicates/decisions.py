@@ -14,6 +14,7 @@ from service.duplicates.decision_schemas import (
     DecisionPage,
     GroupDecision,
     MergedShape,
+    MergeUndo,
     Rule,
 )
 from service.duplicates.groups import Counted, Search
@@ -21,6 +22,7 @@ from service.duplicates.records import Decision, pair_of
 from service.errors import BadRequestFieldsError, FieldFault, ServiceError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
+from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import clean_metadata, clean_tags
 from service.shapes.records import ShapeRecord
@@ -107,6 +109,31 @@ def merge(
         shapes_service.delete(session, collection, record.id, undo)
     after = shapes_service.change(session, collection, kept.id, changes, collection)
     return MergedShape(shape=Shape.of(after), former=Shape.of(kept), deleted=[record.id for record in others])
+
+
+async def undo_merge(container: Container, collection: CollectionNumber, wanted: MergeUndo) -> ShapeRecord:
+    """Restore the shapes that a merge deleted, and give the one that stayed its former tags and metadata.
+
+    A call that failed after some shapes can be repeated: shapes that are there again are left alone.
+
+    Raises
+    ------
+    ShapeNotFoundError
+        A shape is neither there nor to be restored.
+    NameTakenError
+        The file of a deleted shape was stored again under its name.
+    """
+
+    def is_there(session: ReadSession, shape_id: str) -> bool:
+        return shapes_repository.by_id(session, collection, shape_id) is not None
+
+    for shape_id in wanted.deleted:
+        if not await container.database.reading(is_there, shape_id):
+            await shapes_service.restore(container, collection, shape_id)
+    former = ShapeChanges(tags=wanted.tags, metadata=wanted.metadata)
+    return await container.database.writing(
+        shapes_service.change, collection, wanted.shape, former, collection
+    )
 
 
 def _kept(records: Sequence[ShapeRecord], keep: str) -> ShapeRecord:

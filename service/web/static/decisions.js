@@ -1,16 +1,22 @@
-// Decisions on groups of duplicates, by buttons and keys. The last one can be undone.
+// Decisions on groups of duplicates, and merges of them, by buttons and keys. The last one can be undone.
 
 import { address, ask, askWith } from "./api.js";
+import { mayDelete } from "./deleted.js";
 import { button, make } from "./dom.js";
 
-/** @import { Decided, Duplicate } from "./types.js" */
+/** @import { Decided, Duplicate, MergedShape } from "./types.js" */
+
+const MERGE = "merge";
 
 /** The decisions, with their keys. */
-const CHOICES = [["same", "Same", "1"], ["variant", "Variant", "2"], ["different", "Different", "3"], ["ignore", "Ignore", "4"]];
+const CHOICES = [
+  ["same", "Same", "1"], ["variant", "Variant", "2"], ["different", "Different", "3"], ["ignore", "Ignore", "4"],
+  [MERGE, "Merge", "5"],
+];
 export const UNDO = "u";
 
-/** The ids of the decisions of this page, the latest last. @type {string[]} */
-const made = [];
+/** What undoes the decisions of this page, the latest last. @type {(() => Promise<unknown>)[]} */
+const undoes = [];
 
 /** @param {string} key @returns {string | undefined} The decision of a key. */
 export const decisionOf = (key) => CHOICES.find(([, , own]) => own === key)?.[0];
@@ -26,28 +32,43 @@ export function choices(decided) {
   const buttons = CHOICES.map(([name, text, key]) => {
     const choice = button(text, () => decided(name));
     choice.setAttribute("aria-keyshortcuts", key);
-    choice.title = `Key ${key}`;
+    choice.title = name === MERGE ? `Keep the shape stored first, with the tags and metadata of all. Key ${key}` : `Key ${key}`;
     return choice;
   });
   return make("div", { className: "buttons" }, ...buttons);
 }
 
 /**
- * Decide every pair of a group.
+ * Decide every pair of a group, or merge it; false if a merge that cannot be undone is not confirmed.
  * @param {Duplicate[]} members
  * @param {string} decision
  */
 export async function decide(members, decision) {
   const shapes = members.map(({ shape }) => shape.id);
+  if (decision === MERGE) return merge(members.slice(1).map(({ shape }) => shape), shapes);
   /** @type {Decided} */
   const { id } = await askWith(address("duplicates/decisions"), { shapes, decision });
-  made.push(id);
+  undoes.push(() => ask(address(`duplicates/decisions/${id}`), { method: "DELETE" }));
+  return true;
+}
+
+/**
+ * @param {{ name: string }[]} others The shapes that go.
+ * @param {string[]} shapes
+ */
+async function merge(others, shapes) {
+  if (!await mayDelete(others)) return false;
+  /** @type {MergedShape} */
+  const { former, deleted } = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
+  const body = { shape: former.id, tags: former.tags, metadata: former.metadata, deleted };
+  undoes.push(() => askWith(address("duplicates/merge/undo"), body));
+  return true;
 }
 
 /** Undo the latest decision; false if there is none. */
 export async function undo() {
-  const id = made.pop();
-  if (id === undefined) return false;
-  await ask(address(`duplicates/decisions/${id}`), { method: "DELETE" });
+  const latest = undoes.pop();
+  if (latest === undefined) return false;
+  await latest();
   return true;
 }

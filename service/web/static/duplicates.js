@@ -111,7 +111,7 @@ const group = (members) => make(
  */
 async function settle(members, decision) {
   try {
-    await decide(members, decision);
+    if (!await decide(members, decision)) return;
     showError(errorBox);
     const place = groups.indexOf(members);
     if (place < 0) return load();

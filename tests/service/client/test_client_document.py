@@ -12,8 +12,9 @@ import pytest
 from pydantic import BaseModel
 
 from service.client import Client, Upload
-from service.duplicates.decision_schemas import Rule
+from service.duplicates.decision_schemas import MergedShape, Rule
 from service.shapes.bulk_schemas import BulkChange
+from service.shapes.schemas import SHAPE, Shape
 from tests.service.cli.awaited import Awaited
 from tests.service.support import document
 
@@ -41,6 +42,9 @@ SEARCH = {
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
 RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
+MERGED = MergedShape(
+    shape=Shape.model_validate(SHAPE), former=Shape.model_validate(SHAPE), deleted=["id", "other"]
+)
 BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
@@ -118,6 +122,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("decisions", (), {}, "GET /duplicates/decisions"),
     ("delete_decision", ("id",), {}, "DELETE /duplicates/decisions/{decision_id}"),
     ("merge", (["id", "other"],), {"keep": "newest"}, "POST /duplicates/merge"),
+    ("undo_merge", (MERGED,), {}, "POST /duplicates/merge/undo"),
     ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
     (

@@ -109,6 +109,11 @@ def the_same(client: httpx.Client, own: Secrets) -> httpx.Response:
     return upload(client, small_file(0), f"{SECRET}-kept.off")
 
 
+def a_merge_undone(client: httpx.Client, own: Secrets) -> httpx.Response:
+    former = {"shape": own.kept, "tags": [SECRET], "metadata": {"secret": SECRET}}
+    return client.post("/duplicates/merge/undo", json={**former, "deleted": [own.twin]})
+
+
 def a_folder(client: httpx.Client, _own: Secrets) -> httpx.Response:
     """A folder that is no source yet, without files."""
     return client.post("/sources", json={"path": mkdtemp(dir=FOLDERS)})
@@ -182,6 +187,7 @@ SENT: dict[Operation, list[Send]] = {
     ("DELETE", "/sources/{source_id}"): [to("DELETE", "/sources/{source_id}")],
     ("PATCH", "/shapes/{shape_id}"): [to("PATCH", "/shapes/{shape_id}", json={"tags": ["seen"]})],
     ("POST", "/duplicates/merge"): [both("/duplicates/merge")],
+    ("POST", "/duplicates/merge/undo"): [a_merge_undone],
     ("PUT", "/shapes/{shape_id}/file"): [to("PUT", "/shapes/{shape_id}/file", **file(7))],
     ("POST", "/shapes/{shape_id}/restore"): [to("POST", "/shapes/{shape_id}/restore")],
     ("POST", "/jobs/{job_id}/cancel"): [to("POST", "/jobs/{job_id}/cancel")],
@@ -285,4 +291,4 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
                 if answer.status_code == 202 and "archive" in answer.json():
                     ended(hidden.client, answer.json()["id"])
         names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
-        assert names == {f"{SECRET}-{name}.off" for name in ("of-a-job", "deleted")}
+        assert names == {f"{SECRET}-{name}.off" for name in ("of-a-job", "deleted", "twin")}

@@ -348,6 +348,19 @@ def test_groups_are_decided_one_after_another_by_keys(visit: Visit, service: Run
     page.locator("#duplicates-words").fill("")
     page.get_by_label("Decided ones too").check()
     expect(groups).to_have_count(3)
+    page.keyboard.press("Tab")
+    page.keyboard.press("5")
+    expect(groups).to_have_count(2)
+    expect(page.locator("#duplicates-decided")).to_contain_text("Merge: bracket-0.stl.")
+
+    def brackets() -> list[str]:
+        shapes = service.client.get("/shapes", params={"name": "bracket"}).json()["shapes"]
+        return [shape["name"] for shape in shapes]
+
+    assert brackets() == ["bracket-0.stl"]
+    page.get_by_role("button", name="Undo", exact=True).click()
+    expect(groups).to_have_count(3)
+    assert brackets() == ["bracket-0.stl", "bracket-1.stl"]
 
 
 def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, service: Running) -> None:

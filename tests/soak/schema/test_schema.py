@@ -40,7 +40,7 @@ cursors of another order."""
 # differ in blanks are one. Points lie on a surface.
 WRITTEN = {
     *("q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"),
-    *("shapes", "keep", "decided_by", "reason"),
+    *("shapes", "shape", "deleted", "keep", "decided_by", "reason"),
     *("add_tags", "remove_tags", "set_metadata", "remove_metadata", "collection", "path"),
 }
 # In it everything is text: any may be a tag, and true is written in many ways.
