@@ -5,15 +5,18 @@ The kernels release the GIL, so several threads may score at once.
 
 import hashlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
 from core.embedding import Embedding, Scores
 from core.errors import IncompatibleEmbeddingsError, ParameterError
-from core.matching.kernels.match_record import ONE, MatchRecord, encoded
+from core.matching.kernels.match_record import HEAD, ONE, MatchRecord
 from core.matching.kernels.one_to_many import MATCH_RECORD, compare_many
 from core.matching.kernels.spline_search import SearchRounds
+from core.matching.quantised_points import encoded_points
 from core.matching.similarity import EFFECTIVE
 from core.matching.thin_plate_spline import compiled_spline_operators
 from core.parameters import Parameters
@@ -31,7 +34,7 @@ def embedding_key(embedding: Embedding) -> bytes:
 
 
 def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
-    """Return the match record of an embedding, float32, shape (l,), about 100 kB.
+    """Return the match record of an embedding, float32, shape (l,), about 42 kB.
 
     The bytes are the same only while linear algebra runs on one thread: see `core.numerics.guarding`. Raise
     IncompatibleEmbeddingsError for an embedding of other parameters, and ParameterError for parameters whose
@@ -44,6 +47,36 @@ def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
     if parameters.matching.pairs != "both-ways":
         raise ParameterError('only pipelines with pairs "both-ways" have match records')
     return encoded(make_match_record(embedding, embedding_key(embedding), parameters))
+
+
+def encoded(record: MatchRecord) -> Float32s:
+    """Return a match record as one array, float32, shape (l,), which `decoded` of the kernels reads.
+
+    The points are quantised (`core.matching.quantised_points`); of symmetric matrices the lower triangles are
+    kept.
+    """
+    b, j, s = record.searched.shape
+    m, (d, columns) = len(record.offsets) - 1, record.points.shape
+    regions = np.empty(d, dtype=np.int32)
+    regions[record.members] = np.repeat(np.arange(m), np.diff(record.offsets))
+    points = np.frombuffer(encoded_points(record.points, regions), dtype=np.uint8)
+    head = np.zeros(HEAD, dtype=np.int32)
+    head[:7] = m, len(points), s, b, columns // b, j, record.operators.shape[1]
+    head[7:11] = record.key
+    triangles = _lower_triangles(record.operators), _lower_triangles(record.warp)
+    return np.concatenate([_floats(array) for array in (head, record.radius, points, *triangles)])
+
+
+def _lower_triangles(matrices: Int16s) -> Int16s:
+    """Return the lower triangles of matrices (..., m, m), row after row, shape (..., m (m + 1) / 2)."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return matrices[..., rows, columns]
+
+
+def _floats(array: NDArray[Any]) -> Float32s:
+    """Return the bytes of an array as float32, filled up to whole numbers."""
+    data = np.ascontiguousarray(array).tobytes()
+    return np.frombuffer(data + bytes(-len(data) % 4), dtype=np.float32)
 
 
 def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
@@ -133,6 +166,7 @@ def compared(
 def example_match_records(parameters: Parameters) -> list[Float32s]:
     """Return two match records of random points without splines, to run the kernels on."""
     m, d = 24, 40
+    regions = np.arange(d, dtype=np.int32) % m
     wanted = parameters.matching
     domains, k = len(parameters.spectral.operators), parameters.spectral.dimensions
     s, j = min(wanted.search_samples or m, m), wanted.search_dimensions or k
@@ -143,8 +177,8 @@ def example_match_records(parameters: Parameters) -> list[Float32s]:
             points=points,
             searched=np.empty((domains, j, s), dtype=np.float32),
             operators=np.zeros((domains, j - wanted.first_dimensions + 1, s, s), dtype=np.int16),
-            offsets=np.arange(m + 1, dtype=np.int32),
-            members=np.arange(d, dtype=np.int32),
+            offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
+            members=np.argsort(regions, kind="stable").astype(np.int32),
             warp=np.zeros((domains, m, m), dtype=np.int16),
             radius=np.ones(domains, dtype=np.float32),
             key=np.full(4, seed, dtype=np.int32),

@@ -12,9 +12,15 @@ from scipy.spatial.distance import cdist
 
 from core.arrays import Float32s, Floats, Int8s, Ints
 from core.embedding import Embedding, Match, Scores
-from core.matching.kernels.match_record import MatchRecord, decoded, dequantised, encoded, precedes
+from core.matching.kernels.match_record import MatchRecord, decoded, dequantised, precedes
 from core.matching.kernels.one_to_many import MATCH_RECORD
-from core.matching.match_records import compared, make_match_record, score_match_records, search_rounds
+from core.matching.match_records import (
+    compared,
+    encoded,
+    make_match_record,
+    score_match_records,
+    search_rounds,
+)
 from core.matching.oriented_map import CandidateMaps, candidate_maps
 from core.matching.similarity import EFFECTIVE
 from core.parameters import Parameters

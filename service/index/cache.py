@@ -18,7 +18,7 @@ from core.ranking.local_density import DensitySample, LocalDensities, densities_
 
 Value = TypeVar("Value")
 
-ABOUT = 100_000
+ABOUT = 43_000
 """Bytes of a match record, before one is known."""
 
 POINTS_BYTES = 13_000

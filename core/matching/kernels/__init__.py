@@ -12,6 +12,7 @@ __all__ = [
     "nearest_neighbours",
     "one_to_many",
     "pair_matching",
+    "points",
     "procrustes",
     "simd",
     "spline_search",

@@ -1,18 +1,18 @@
-"""The match record of one shape: the arrays that the kernels read, encoded in one array."""
+"""The match record of one shape: the arrays that the kernels read, decoded from one array."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from core.arrays import Float32s, Int16s, Int32s
+from core.matching.kernels.points import points_of, sorted_regions
 from core.numerics.compilation import kernel
 
 ONE = 32767
 """The integer that stands for 1 in a spline's matrix, whose entries lie in [-1, 1]."""
 
 HEAD = 12
-"""Numbers before the arrays, int32: m, d, s, b, k, j, the number of splines of a domain, and the key."""
+"""Numbers before the arrays, int32: m, bytes of the points, s, b, k, j, splines of a domain, and the key."""
 
 
 class MatchRecord(NamedTuple):
@@ -47,62 +47,48 @@ class MatchRecord(NamedTuple):
     key: Int32s
 
 
-def encoded(record: MatchRecord) -> Float32s:
-    """Return the match record as one array, float32, shape (l,); `decoded` reads it."""
-    head = np.zeros(HEAD, dtype=np.int32)
-    b, j, s = record.searched.shape
-    d, columns = record.points.shape
-    head[:7] = record.warp.shape[1], d, s, b, columns // b, j, record.operators.shape[1]
-    head[7:11] = record.key
-    arrays = (
-        head,
-        record.radius,
-        record.points,
-        record.offsets,
-        record.members,
-        record.operators,
-        record.warp,
-    )
-    return np.concatenate([_floats(array) for array in arrays])
-
-
-def _floats(array: NDArray[Any]) -> Float32s:
-    """Return the bytes of an array as float32, filled up to whole numbers."""
-    data = np.ascontiguousarray(array).tobytes()
-    return np.frombuffer(data + bytes(-len(data) % 4), dtype=np.float32)
-
-
 @kernel
 def decoded(record: Float32s) -> MatchRecord:
-    """Return the arrays of an encoded match record: views of it, except `searched`, which is a copy."""
+    """Return the arrays of a match record that `core.matching.match_records.encoded` made, mostly copies."""
     head = record[:HEAD].view(np.int32)
     sizes = head.astype(np.int64)
-    m, d, s, b, k, j, stages = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5], sizes[6]
+    m, length, s, b, k, j, stages = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5], sizes[6]
     # The arrays follow one another in the order of `encoded`; two int16 numbers take one place.
     start = np.int64(HEAD)
     radius = record[start : start + b]
     start += b
-    points = record[start : start + d * b * k].reshape((d, b * k))
-    start += d * b * k
-    offsets = record[start : start + m + 1].view(np.int32)
-    start += m + 1
-    members = record[start : start + d].view(np.int32)
-    start += d
-    length = (b * stages * s * s + 1) // 2
-    operators = record[start : start + length].view(np.int16)[: b * stages * s * s]
+    points, regions = points_of(record[start : start + length // 4].view(np.uint8), b * k)
+    offsets, members = sorted_regions(regions)
+    start += length // 4
+    length = (b * stages * (s * (s + 1) // 2) + 1) // 2
+    operators = symmetric(record[start : start + length].view(np.int16), b * stages, s)
     start += length
-    length = (b * m * m + 1) // 2
-    warp = record[start : start + length].view(np.int16)[: b * m * m]
+    length = (b * (m * (m + 1) // 2) + 1) // 2
+    warp = symmetric(record[start : start + length].view(np.int16), b, m)
     return MatchRecord(
         points,
         searched_columns(points, b, j, s),
         operators.reshape((b, stages, s, s)),
         offsets,
         members,
-        warp.reshape((b, m, m)),
+        warp,
         radius,
         head[7:11],
     )
+
+
+@kernel
+def symmetric(triangles: Int16s, count: int, m: int) -> Int16s:
+    """Return symmetric matrices, shape (count, m, m), of their lower triangles, row after row."""
+    matrices = np.empty((count, m, m), dtype=np.int16)
+    place = 0
+    for matrix in range(count):
+        for i in range(m):
+            for j in range(i + 1):
+                matrices[matrix, i, j] = triangles[place + j]
+                matrices[matrix, j, i] = triangles[place + j]
+            place += i + 1
+    return matrices
 
 
 @kernel

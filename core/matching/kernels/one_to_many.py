@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
-from core.arrays import Bytes, Float32s, Floats, Int16s, Int32s, Ints
+from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
 from core.matching.kernels.match_record import ONE, MatchRecord, decoded, precedes, searched_columns
 from core.matching.kernels.pair_matching import fit_map, score_pairs
+from core.matching.kernels.points import points_of, sorted_regions
 from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
@@ -20,9 +21,6 @@ coarse samples (`core.ranking.reranking`)."""
 
 NEW_DIRECTION = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
-
-EXPONENT, LARGE = 0x7F800000, 0x71800000
-"""The bits of a float32 number's exponent, and those of 2^100: larger units and samples are refused."""
 
 
 @kernel
@@ -77,32 +75,6 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
 
 
 @kernel
-def sorted_regions(regions: Int32s, offsets: Int32s, members: Int32s) -> None:
-    """Write the points of each sample's region.
-
-    Parameters
-    ----------
-    regions : int32, shape (d,)
-        The sample nearest to each point, at least 0.
-    offsets : int32, shape (m + 1,)
-        Written: sample i's region is `members[offsets[i]:offsets[i + 1]]`.
-    members : int32, shape (d,)
-        Written.
-    """
-    # A counting sort: sizes of the regions, where they begin, and then each point to its place.
-    m = len(offsets) - 1
-    offsets[:] = 0
-    for i in range(len(regions)):
-        offsets[regions[i] + 1] += 1
-    for i in range(m):
-        offsets[i + 1] += offsets[i]
-    following = offsets.copy()
-    for i in range(len(regions)):
-        members[following[regions[i]]] = i
-        following[regions[i]] += 1
-
-
-@kernel
 def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
     """Return coordinates in int8, row after row, times the scales of their columns, shape (d, columns)."""
     numbers = whole.view(np.int8)
@@ -115,61 +87,6 @@ def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
 
 
 @kernel
-def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
-    """Return the coordinates, shape (d, columns), and regions, shape (d,), in the bytes of quantised points.
-
-    d is 0 if the bytes, a multiple of four, are not those of points in so many columns, a coordinate is not
-    finite, or a region is not that of a sample. `core.matching.quantised_points` is the reference.
-    """
-    nothing = np.empty((0, columns), dtype=np.float32), np.empty(0, dtype=np.int32)
-    head = data.view(np.int32)
-    if len(head) < 3 or head[1] < 1 or head[0] < head[1] or head[2] != columns:
-        return nothing
-    # The length that the numbers of points, samples and columns ask for.
-    d = np.int64(head[0])
-    m = np.int64(head[1])
-    samples_start = np.int64(12 + 8 * columns)
-    regions_start = samples_start + (2 if d > m else 4) * m * columns
-    offsets_start = regions_start + 2 * (d - m)
-    stop = offsets_start + (d - m) * columns
-    if len(data) != (stop + 3) // 4 * 4:
-        return nothing
-    # Fast arithmetic assumes finite numbers: look at the bits.
-    for c in range(2 * columns):
-        if (head[3 + c] & EXPONENT) >= LARGE:
-            return nothing
-    units = data[12:samples_start].view(np.float32)
-    samples = data[samples_start:regions_start]
-    near = data[regions_start:offsets_start].view(np.uint16)
-    offsets = data[offsets_start:stop].view(np.int8)
-    points = np.empty((d, columns), dtype=np.float32)
-    regions = np.empty(d, dtype=np.int32)
-    # The samples: whole numbers over their units, or floats where there are no other points.
-    whole = samples.view(np.int16)
-    bits = samples[: len(samples) // 4 * 4].view(np.int32)
-    floats = bits.view(np.float32)
-    for i in range(m):
-        regions[i] = i
-        for c in range(columns):
-            number = i * columns + c
-            if d > m:
-                points[i, c] = np.float32(whole[number]) * units[c]
-            elif (bits[number] & EXPONENT) >= LARGE:
-                return nothing
-            else:
-                points[i, c] = floats[number]
-    for i in range(d - m):
-        region = np.int32(near[i])
-        if region >= m:
-            return nothing
-        regions[m + i] = region
-        for c in range(columns):
-            offset = np.float32(offsets[i * columns + c]) * units[columns + c]
-            points[m + i, c] = points[region, c] + offset
-    return points, regions
-
-
-@kernel
 def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
     """Return a match record with flat splines, and with the warp, radius and key of x, which no map reads.
 
@@ -178,15 +95,9 @@ def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Match
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
     points, regions = points_of(data, columns)
-    # The regions are those of the samples 0 to n - 1.
-    n = 0
-    for i in range(len(regions)):
-        n = max(n, int(regions[i]) + 1)
-    offsets = np.empty(n + 1, dtype=np.int32)
-    members = np.empty(len(regions), dtype=np.int32)
-    sorted_regions(regions, offsets, members)
+    offsets, members = sorted_regions(regions)
     # The first samples, with splines made from them.
-    samples = min(rounds.search_samples, n, len(points))
+    samples = min(rounds.search_samples, len(offsets) - 1)
     searched = searched_columns(points, domains, dimensions, samples)
     stages = dimensions - rounds.first_dimensions + 1
     operators = np.empty((domains, stages, samples, samples), dtype=np.int16)

@@ -4,9 +4,9 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Spectrum
-from core.matching.kernels.match_record import encoded
 from core.matching.kernels.one_to_many import MATCH_RECORD
-from core.matching.match_records import compared, embedding_key, make_match_record, search_rounds
+from core.matching.match_records import compared, embedding_key, encoded, make_match_record, search_rounds
+from core.matching.quantised_points import rounded
 from core.parameters import DEFAULT
 from tests.core.shapes import FACTS
 
@@ -22,13 +22,14 @@ def cloud(rng, count, k):
 
 
 def embedded(clouds, m):
-    """An embedding of clouds, one a domain: m samples, each point in the region of the nearest of them."""
+    """An embedding of clouds, one a domain, rounded: m samples, each point in the region of the nearest."""
     points = clouds[0]
     places = np.arange(m, dtype=np.int32)
     nothing = np.empty(0, dtype=np.float32)
     edges = np.stack([places[:-1], places[1:]], axis=1)
     regions = cdist(points, points[:m]).argmin(axis=1)
     regions[:m] = places
+    clouds = [rounded(one, regions) for one in clouds]
     return Embedding(
         fingerprint="",
         facts=FACTS,
