@@ -5,6 +5,7 @@ The kernels release the GIL, so several threads may score at once.
 
 import hashlib
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -69,8 +70,14 @@ def encoded(record: MatchRecord) -> Float32s:
 
 def _lower_triangles(matrices: Int16s) -> Int16s:
     """Return the lower triangles of matrices (..., m, m), row after row, shape (..., m (m + 1) / 2)."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return matrices[..., rows, columns]
+    m = matrices.shape[-1]
+    return np.take(matrices.reshape(*matrices.shape[:-2], m * m), _lower_entries(m), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _lower_entries(m: int) -> Ints:
+    """Return the indices of the lower triangle in the entries of a matrix (m, m), row after row."""
+    return np.flatnonzero(np.tri(m))
 
 
 def _floats(array: NDArray[Any]) -> Float32s:
