@@ -203,6 +203,9 @@ class DenseCorrespondence:
         Length on the other mesh over length on this mesh, > 0.
     maps : int
         Different maps that fit about equally well, this one counted: more than 1 if the shape is symmetric.
+    mirrored : bool or None
+        Whether the map reverses orientation: the other mesh is like the mirror image of this one, and no map
+        that fits about as well preserves orientation. None if orientations are unknown.
     simplified : bool
         Whether the correspondence was computed on simplified copies of the two meshes and transferred.
     """
@@ -214,4 +217,5 @@ class DenseCorrespondence:
     partnered: NDArray[np.bool_]
     scale: float
     maps: int
+    mirrored: bool | None
     simplified: bool

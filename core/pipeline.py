@@ -29,7 +29,7 @@ PREPARED_BYTES = 128 * 1024 * 1024
 
 
 MAPS = 4
-"""The most maps of samples that a dense correspondence begins from."""
+"""The most maps of samples of one orientation that a dense correspondence begins from."""
 
 
 def _orientations(first: Embedding, second: Embedding) -> tuple[Int8s, Int8s] | None:
@@ -115,11 +115,12 @@ class Pipeline:
             check_finite(match.cc, match.ssd, match.sim, match.distances)
         return match
 
-    def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], bool | None]:
-        """Compute correspondences of samples that fit about equally well, at most `MAPS`, best first.
+    def correspondences(self, first: Embedding, second: Embedding) -> tuple[list[Ints], list[bool] | None]:
+        """Compute correspondences of samples that fit about equally well, of each orientation best first.
 
         Each has pairs (sample of the first shape, sample of the second), shape (p, 2); a sample may be in
-        several. The second value tells whether they reverse orientation, as in `core.embedding.Match`.
+        several. At most `MAPS` preserve orientation. The second list tells which reverse it; it is None if an
+        embedding has no orientation.
         """
         orientations = _orientations(first, second)
         if orientations is None:

@@ -91,6 +91,8 @@ class SurfaceMap:
         Different functional maps that fit about equally well, at least 1: more if the shape is symmetric.
     cost : float
         How badly the functional map fits, from about -70 to 100 and more.
+    mirrored : bool or None
+        Whether the map, or the motion, reverses orientation; None if that is unknown.
     """
 
     surfaces: tuple[WorkingSurface, WorkingSurface]
@@ -100,20 +102,38 @@ class SurfaceMap:
     scale: float
     maps: int
     cost: float
+    mirrored: bool | None
 
     def correspondences(self) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Return the correspondence of the given meshes, from the first to the second and back."""
         (first, second), (forward, backward) = self.surfaces, self.partners
         return (
-            _on_given(forward, first, second, self.scale, self.maps),
-            _on_given(backward, second, first, 1.0 / self.scale, self.maps),
+            self._on_given(forward, first, second, self.scale),
+            self._on_given(backward, second, first, 1.0 / self.scale),
+        )
+
+    def _on_given(
+        self, partners: Partners, surface: WorkingSurface, other: WorkingSurface, scale: float
+    ) -> DenseCorrespondence:
+        """Return the correspondence brought from the working surfaces to the given meshes."""
+        nearest, displacement = surface.nearest, partners.displacement
+        return DenseCorrespondence(
+            vertices=other.given[partners.vertices][nearest].astype(np.int32),
+            confidence=np.where(partners.partnered, partners.confidence, 0.0)[nearest].astype(np.float32),
+            stretch=stretch(surface.mesh, other.mesh, partners.vertices)[nearest].astype(np.float32),
+            displacement=None if displacement is None else displacement[nearest].astype(np.float32),
+            partnered=partners.partnered[nearest],
+            scale=scale,
+            maps=self.maps,
+            mirrored=self.mirrored,
+            simplified=surface.simplified or other.simplified,
         )
 
 
 def surface_map(
     surfaces: tuple[WorkingSurface, WorkingSurface],
     pairs: Sequence[Ints],
-    mirrored: bool | None,
+    mirrored: Sequence[bool] | None,
     transform: Similarity | None = None,
     functions: int = FINE,
     landmarks: tuple[Floats, Floats] | None = None,
@@ -125,8 +145,8 @@ def surface_map(
     surfaces : two WorkingSurface
     pairs : sequence of int, shape (p, 2)
         Samples of the first and of the second that correspond, p >= 1, in several ways, best first.
-    mirrored : bool or None
-        Whether they reverse orientation, if that is known.
+    mirrored : sequence of bool or None
+        Which of them reverse orientation, if that is known.
     transform : Similarity or None
         Of the first given mesh onto the second, if it is known.
     functions : int
@@ -164,7 +184,7 @@ def surface_map(
     # Pair all vertices by functional maps.
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
     starts = [_vertices(surfaces, some) for some in pairs]
-    rotation, count, cost = functional_map(*bases, starts, mirrored, held)
+    rotation, count, cost, reverses = functional_map(*bases, starts, mirrored, held)
     size = len(rotation)
     rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
     maps = _vertex_maps(*rows, cost, count)
@@ -173,13 +193,15 @@ def surface_map(
         forward = _mapped_partners(first, samples[0].unit, maps[0])
         backward = _mapped_partners(second, samples[1].unit, maps[1])
         scale = _scale(surfaces, (forward, backward))
-        return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count, cost)
+        return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count, cost, reverses)
     registered = _registered(first, second, samples, motion)
     reversed_ = _registered(second, first, samples[::-1], motion.inverse)
     forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
     backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
     whole = units[0].then(motion).then(units[1].inverse)
-    return SurfaceMap(surfaces, rows, whole, (forward, backward), motion.scale / same_units, count, cost)
+    reverses = bool(np.linalg.det(motion.rotation) < 0.0)
+    scale = motion.scale / same_units
+    return SurfaceMap(surfaces, rows, whole, (forward, backward), scale, count, cost, reverses)
 
 
 def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> Ints:
@@ -260,23 +282,6 @@ def _scale(surfaces: tuple[WorkingSurface, WorkingSurface], partners: tuple[Part
         parts.append(surface.unit**2 * (areas * own.partnered).sum())
     first, second = parts if min(parts) > 0.0 else wholes
     return float(np.sqrt(second / first))
-
-
-def _on_given(
-    partners: Partners, surface: WorkingSurface, other: WorkingSurface, scale: float, maps: int
-) -> DenseCorrespondence:
-    """Return the correspondence brought from the working surfaces to the given meshes."""
-    nearest, displacement = surface.nearest, partners.displacement
-    return DenseCorrespondence(
-        vertices=other.given[partners.vertices][nearest].astype(np.int32),
-        confidence=np.where(partners.partnered, partners.confidence, 0.0)[nearest].astype(np.float32),
-        stretch=stretch(surface.mesh, other.mesh, partners.vertices)[nearest].astype(np.float32),
-        displacement=None if displacement is None else displacement[nearest].astype(np.float32),
-        partnered=partners.partnered[nearest],
-        scale=scale,
-        maps=maps,
-        simplified=surface.simplified or other.simplified,
-    )
 
 
 def neighbourhoods(mesh: Mesh) -> csr_array:

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.functional_maps import FINE, Basis, basis, extend
+from core.dense.functional_maps import FINE, Basis, FunctionalMap, basis, functional_map
 from core.embedding import Embedding
 from core.errors import ParameterError
 from core.gallery.bodies import Body, individual_partners, make_body
@@ -166,7 +166,7 @@ def _pair_errors(
     match = pipeline.match(first.embedding, second.embedding)
     matched = _vertices(first.embedding, second.embedding, match.correspondence.astype(np.int64))
     samples, _ = symmetric_error(distances, truth, matched[:, 0], matched[:, 1])
-    targets = dense_map(first, second, pipeline)
+    _, targets = dense_map(first, second, pipeline)
     everywhere = np.arange(truth.shape[1])
     vertices, symmetry = symmetric_error(distances, truth, everywhere, targets)
     direct, _ = symmetric_error(distances, truth[:1], everywhere, targets)
@@ -178,11 +178,12 @@ def _vertices(first: Embedding, second: Embedding, pairs: Ints) -> Ints:
     return np.stack([first.vertices[pairs[:, 0]], second.vertices[pairs[:, 1]]], axis=1).astype(np.int64)
 
 
-def dense_map(first: PreparedMesh, second: PreparedMesh, pipeline: Pipeline) -> Ints:
-    """Return the dense correspondence: the vertex of the second mesh for each of the first, shape (n,)."""
+def dense_map(first: PreparedMesh, second: PreparedMesh, pipeline: Pipeline) -> tuple[FunctionalMap, Ints]:
+    """Return the map of two meshes, and the vertex of the second for each of n of the first, shape (n,)."""
     candidates, mirrored = pipeline.correspondences(first.embedding, second.embedding)
     pairs = [_vertices(first.embedding, second.embedding, samples) for samples in candidates]
-    return extend(first.basis, second.basis, pairs, mirrored)
+    found = functional_map(first.basis, second.basis, pairs, mirrored)
+    return found, found.partners(first.basis, second.basis)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,12 +52,12 @@ class Matcher(Protocol[Shape]):
 
     def candidates(
         self, first: Shape, second: Shape, orientations: tuple[Int8s, Int8s], most: int
-    ) -> tuple[list[Ints], bool | None]:
-        """Return at most `most` correspondences that fit about equally well, best first.
+    ) -> tuple[list[Ints], list[bool] | None]:
+        """Return correspondences that fit about equally well, of each orientation best first.
 
-        Each has pairs of samples, shape (p, 2); a sample may be in several. Either all maps preserve
-        orientation, or no map that fits about as well does: the second value is False or True accordingly,
-        and None if the matcher does not use orientations.
+        Each has pairs of samples, shape (p, 2); a sample may be in several. At most `most` preserve
+        orientation. The second list tells which reverse it; it is None if the matcher does not use
+        orientations.
         """
 
 

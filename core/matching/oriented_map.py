@@ -42,13 +42,13 @@ class CandidateMaps:
     """Different maps from a shape of m samples to one of n samples that fit about equally well, best first.
 
     x.points @ rotation lies on y.points. `forward` and `backward`, shapes (m,) and (n,), are the partners of
-    the samples of both. `mirrored` maps reverse orientation, since none that fits about as well preserves it.
+    the samples of both. Maps that reverse orientation are `mirrored`.
     """
 
     rotations: list[Float32s]
     forward: list[Int32s]
     backward: list[Int32s]
-    mirrored: bool
+    mirrored: list[bool]
 
 
 def candidate_maps(
@@ -59,8 +59,10 @@ def candidate_maps(
     rounds: SearchRounds,
     most: int,
 ) -> CandidateMaps:
-    """Return at most `most` maps of one orientation: preserving, if such a map fits about as well as any.
+    """Return at most `most` maps that preserve orientation and fit about as well as any.
 
+    If `most` is more than 1, half as many that reverse orientation follow; where no map preserves it, at most
+    `most` are returned.
     The orientations of the embeddings, shapes (m, e) and (n, e), belong to the coordinates of one domain.
     """
     maps = _maps(x, y, rounds)
@@ -70,10 +72,12 @@ def candidate_maps(
         maps = _joined(maps, _composed(x, y, rounds, maps))
         agreements = _agreements(x, maps, orientations, domain)
         fitting, preserving = _fitting(maps, agreements)
-    mirrored = not preserving.any()
     rotations, scores, partners = maps
     order = np.argsort(-(scores + AGREEMENT_WEIGHT * np.abs(agreements)), kind="stable")
-    chosen = _different(partners, order[(fitting if mirrored else preserving)[order]], most)
+    kept = _different(partners, order[preserving[order]], most)
+    reversing = fitting & ~preserving
+    chosen = kept + _different(partners, order[reversing[order]], most // 2 if kept else most)
+    mirrored = [not preserving[which] for which in chosen]
     candidates = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored)
     count = max(1, rounds.final_rounds + rounds.slides)
     for rotation in candidates.rotations:

@@ -101,7 +101,7 @@ class ProcrustesMatcher:
         if orientations is not None and not same:
             ordered = (orientations[1], orientations[0]) if order < 0 else orientations
             maps = self._candidates(x, y, ordered, 1)
-            rotation, mirrored = maps.rotations[0], maps.mirrored
+            rotation, mirrored = maps.rotations[0], maps.mirrored[0]
         matches, distances, effective = one_to_one_pairs(x, y, rotation, same=same)
         cc, ssd, sim = scores[0].tolist()
         pairs = np.stack([np.arange(len(matches)), matches], axis=1).astype(np.int32)
@@ -110,16 +110,16 @@ class ProcrustesMatcher:
 
     def candidates(
         self, first: Float32s, second: Float32s, orientations: tuple[Int8s, Int8s], most: int
-    ) -> tuple[list[Ints], bool | None]:
-        """Return pairs of samples under each of several maps, at most `most`, best first.
+    ) -> tuple[list[Ints], list[bool]]:
+        """Return pairs of samples under each map of `core.matching.oriented_map.candidate_maps`.
 
-        Each has the nearest neighbours both ways, shape (m + n, 2); all maps have one orientation, and the
-        second value says whether they reverse it.
+        Each has the nearest neighbours both ways, shape (m + n, 2). The second list says which maps reverse
+        orientation.
         """
         x, y = (decoded(np.require(record, requirements=["C", "W"])) for record in (first, second))
         samples_of_x, samples_of_y = np.arange(len(x.offsets) - 1), np.arange(len(y.offsets) - 1)
         if precedes(x, y) == 0 and not _opposite(*orientations):
-            return [np.repeat(samples_of_x[:, None], 2, axis=1)], False
+            return [np.repeat(samples_of_x[:, None], 2, axis=1)], [False]
         maps = self._candidates(x, y, orientations, most)
         pairs = [
             np.concatenate([np.stack([samples_of_x, forward], 1), np.stack([backward, samples_of_y], 1)])

@@ -170,7 +170,7 @@ class TpsMatcher:
 
     def candidates(
         self, first: Domains, second: Domains, orientations: tuple[Int8s, Int8s], most: int
-    ) -> tuple[list[Ints], bool | None]:
+    ) -> tuple[list[Ints], list[bool] | None]:
         """Return the pairs of `match` alone; neither orientations nor `most` are used."""
         return [self.match(first, second).correspondence.astype(np.int64)], None
 

@@ -105,7 +105,7 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
         "file-in-place",
         "name-taken",
         "pipeline-unavailable",
-        *BODY_PROBLEMS,
+        *WRITE_PROBLEMS,
     ),
 )
 async def undo_merge(

@@ -109,9 +109,9 @@ def _errors(task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]]) -> lis
 
 
 def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> TruthErrors:
-    first, second = _known(first_path, seed), _known(second_path, seed)
+    first, second = known_of(first_path, seed), known_of(second_path, seed)
     if method == OURS:
-        targets = dense_map(first, second, _pipeline())
+        _, targets = dense_map(first, second, _pipeline())
     else:
         spectra = (_spectrum(path, seed) for path in (second_path, first_path))
         targets = np.asarray(functional_map(*spectra, oriented=method == ORIENTED).get_p2p(), dtype=np.int64)
@@ -124,7 +124,8 @@ def _pipeline() -> Pipeline:
 
 
 @lru_cache(maxsize=CACHED)
-def _known(path: Path, seed: int) -> KnownMesh:
+def known_of(path: Path, seed: int) -> KnownMesh:
+    """Return a mesh that is ready to be matched, with the truth at vertices that a seed draws."""
     truth = _truth(path)
     mesh = read_mesh(path.read_bytes(), format_of(path.name))
     return known_mesh(mesh, truth[:, measured_vertices(truth.shape[1], seed)], _pipeline())
@@ -147,7 +148,7 @@ def _truth(path: Path) -> Ints:
 
 @lru_cache(maxsize=CACHED)
 def _spectrum(path: Path, seed: int) -> Any:  # noqa: ANN401  of pyfmaps
-    return spectrum(_known(path, seed).mesh)
+    return spectrum(known_of(path, seed).mesh)
 
 
 def spectrum(mesh: Mesh) -> Any:  # noqa: ANN401  the library's own

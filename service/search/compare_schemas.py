@@ -68,6 +68,12 @@ class DenseFields(BaseModel):
         default=None,
         description="Whether there are several such maps, of which one is given: landmarks tell them apart.",
     )
+    mirrored: bool | None = Field(
+        default=None,
+        description="With dense, landmarks or transfer: whether the correspondence reverses orientation, as "
+        "that of a shape and its mirror image, since none that preserves it fits about as well. null if the "
+        "faces of a shape are turned every way.",
+    )
     simplified: bool | None = Field(
         default=None,
         description="With dense: whether a mesh is so large that the correspondence was computed on "
@@ -83,7 +89,7 @@ class DenseFields(BaseModel):
 
 def map_fields(way: "DenseCorrespondence") -> dict[str, Any]:
     """Return the fields of a correspondence that are no values at vertices."""
-    return {"maps": way.maps, "ambiguous": way.maps > 1}
+    return {"maps": way.maps, "ambiguous": way.maps > 1, "mirrored": way.mirrored}
 
 
 def dense_fields(ways: "tuple[DenseCorrespondence, DenseCorrespondence]") -> dict[str, Any]:

@@ -21,19 +21,13 @@ from scipy.optimize import minimize
 from core.arrays import Floats, Ints
 from core.dense.confidence import NEAR_TRUTH, agreement
 from core.embedding import Embedding
-from core.evaluation.correspondence_errors import (
-    drawn_pairs,
-    known_mesh,
-    measured_vertices,
-    surface_distances,
-)
+from core.evaluation.correspondence_errors import drawn_pairs, surface_distances
 from core.gallery import CLASSES
 from core.gallery.bodies import individual_partners, make_body
-from core.io import format_of, read_mesh
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from service.evaluation.template_truth import read_truth
+from service.evaluation.template_truth import known_of, read_truth
 from tests.studies.common import run, write
 
 MOST, DRAWN = 0.1, 400
@@ -126,12 +120,7 @@ def known_pairs(collection: Path, limit: int) -> Iterator[Pair]:
     files = read_truth(collection)
     same, _ = drawn_pairs([str(f.label) for f in files], [str(f.template) for f in files], limit, 0)
     for i, j in same:
-        known = []
-        for file in (files[i], files[j]):
-            truth = np.loadtxt(file.path.with_suffix(".vts"), dtype=np.int64, ndmin=1)[None] - 1
-            mesh = read_mesh(file.path.read_bytes(), format_of(file.path.name))
-            known.append(known_mesh(mesh, truth[:, measured_vertices(truth.shape[1], 0)], PIPELINE))
-        first, second = known
+        first, second = (known_of(files[which].path, 0) for which in (i, j))
         yield collection.name, first.mesh, second.mesh, _errors_at(first.truth[0], second.distances[0])
 
 

@@ -18,7 +18,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats
-from core.dense.functional_maps import FINE, basis, extend
+from core.dense.functional_maps import FINE, basis, functional_map
 from core.embedding import Embedding
 from core.evaluation.classification import Classification, classify
 from core.evaluation.retrieval_measures import Evaluation
@@ -102,7 +102,8 @@ def match_figure(first: Mesh, second: Mesh) -> Figure:
         for embedding, samples in zip(embeddings, (left, right), strict=True)
     ]
     ends = [cKDTree(mesh.vertices).query(at)[1] for mesh, at in ((second, points[1]), (first, points[0]))]
-    partners = extend(basis(second, FINE), basis(first, FINE), np.stack(ends, axis=1).astype(np.int64))
+    bases = basis(second, FINE), basis(first, FINE)
+    partners = functional_map(*bases, np.stack(ends, axis=1).astype(np.int64)).partners(*bases)
     vertices = normal_frame(first).apply(first.vertices)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     painted = np.asarray(0.1 + 0.85 * (vertices - low) / np.maximum(high - low, 1e-300))

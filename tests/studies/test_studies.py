@@ -20,6 +20,7 @@ SCRIPTS = {
     "individuals": (("--bodies", "1", "--poses", "2"), {"labels": 4}),
     "partial": (("--limit", "4", "--cut", "0.3"), {"partial": 3}),
     "peers": (("--vertices", "600", "--repeats", "1"), {"embeddings": 5, "matches": 3}),
+    "mirrored": (("--limit", "1", "--bodies", "1", "--vertices", "900"), {"mirrored": 2}),
     "words": (("--names", "200", "--times", "200"), {"words": 2}),
     "capacity": (
         ("--count", "20000", "--rows", "20000"),

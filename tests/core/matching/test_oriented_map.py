@@ -101,5 +101,5 @@ def test_a_map_that_the_search_misses_is_found_by_the_symmetries_of_the_body():
         symmetric_error(distances, truth, one.vertices[pairs[:, 0]], two.vertices[pairs[:, 1]])[0]
         for pairs in found
     ]
-    assert mirrored is False
-    assert min(errors) < 0.06
+    assert mirrored is not None
+    assert min(error for error, reverses in zip(errors, mirrored, strict=True) if not reverses) < 0.06

@@ -71,6 +71,7 @@ def test_two_ids_have_a_vertex_for_each_vertex(
         "confidence",
         "maps",
         "ambiguous",
+        "mirrored",
         "length_ratio",
         "simplified",
         "first_difference",

@@ -198,7 +198,7 @@ def test_a_comparison_gives_both_ends_of_each_pair(stocked: Running) -> None:
     first, second = shapes["bird-first.off"]["id"], shapes["bird-second.off"]["id"]
     answer = stocked.client.post("/compare", json={"first": first, "second": second}).json()
     dense = {"vertices", "confidence", "length_ratio", "simplified", "first_difference", "second_difference"}
-    dense |= {"maps", "ambiguous", "transferred", "instances"}
+    dense |= {"maps", "ambiguous", "mirrored", "transferred", "instances"}
     sparse = {
         "cc",
         "ssd",
