@@ -11,12 +11,13 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from hashlib import blake2b
-from importlib import resources
+from importlib import import_module, resources
 from pathlib import Path
+from types import ModuleType
 
 import llvmlite.binding
 import numba
@@ -113,7 +114,9 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
 
     def watch() -> None:
         while not ended.wait(ASK_SECONDS):
-            compiled = [bool(kernel.signatures) for kernel in _kernels()]
+            modules = list(sys.modules.items())
+            ours = [module for name, module in modules if name.startswith(("core.", "service."))]
+            compiled = [bool(kernel.signatures) for kernel in _kernels(ours)]
             advance(sum(compiled), len(compiled))
 
     thread = threading.Thread(target=watch, daemon=True, name="isoshape-compiling")
@@ -125,9 +128,8 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
         thread.join()
 
 
-def _kernels() -> list[Dispatcher]:
-    """Return the functions that numba compiles, of all modules that are imported."""
-    modules = [module for name, module in list(sys.modules.items()) if name.startswith(("core.", "service."))]
+def _kernels(modules: Iterable[ModuleType]) -> list[Dispatcher]:
+    """Return the functions that numba compiles, of some modules."""
     values = [value for module in modules for value in list(vars(module).values())]
     # A function with another one around it is compiled in the latter's place.
     kernels = {
@@ -156,7 +158,7 @@ def _alone(lock: Path) -> Iterator[None]:
 
 
 def _stamp(parameters: Parameters) -> Path:
-    (kernel,) = (kernel for kernel in _kernels() if kernel.py_func.__module__ == STAMPED)
+    (kernel,) = _kernels([import_module(STAMPED)])
     folder = kernel.stats.cache_path
     assert folder is not None
     return Path(folder) / f"isoshape-{parameters.fingerprint}-{_state()}.compiled"
