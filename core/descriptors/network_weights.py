@@ -38,7 +38,7 @@ def network_weights() -> dict[str, Float32s]:
 
 
 def tensors(data: bytes) -> dict[str, Float32s]:
-    """Return the tensors of a file by `torch.save`, of the form before version 1.6, by name.
+    """Return the tensors of a file by `torch.save`, of the form before version 1.6, by name: views of it.
 
     Raise `pickle.UnpicklingError` if a pickle names anything but a tensor, and ValueError for other files.
     """
@@ -50,7 +50,8 @@ def tensors(data: bytes) -> dict[str, Float32s]:
     numbers = {}
     for key in _Tensors(file).load():
         count = int.from_bytes(file.read(8), "little")
-        numbers[key] = np.frombuffer(file.read(count * types[key].itemsize), types[key])
+        numbers[key] = np.frombuffer(data, types[key], count, file.tell())
+        file.seek(numbers[key].nbytes, io.SEEK_CUR)
     return {
         name: _strided(numbers[key][start:], shape, strides)
         for name, ((_, _, key, *_), start, shape, strides) in views.items()
@@ -78,9 +79,9 @@ def _view(storage: tuple[Any, ...], start: int, shape: Shape, strides: Shape, *_
 
 
 def _strided(numbers: Float32s, shape: Shape, strides: Shape) -> Float32s:
-    """Return a copy of a tensor; raise ValueError if it does not lie within the numbers."""
+    """Return a tensor; raise ValueError if it does not lie within the numbers."""
     last = sum((length - 1) * stride for length, stride in zip(shape, strides, strict=True))
     if min((*shape, *strides), default=1) < 0 or last >= len(numbers):
         raise ValueError(f"a tensor of shape {shape} in {len(numbers)} numbers")
     steps = [stride * numbers.itemsize for stride in strides]
-    return np.array(np.lib.stride_tricks.as_strided(numbers, shape, steps, writeable=False))
+    return np.lib.stride_tricks.as_strided(numbers, shape, steps, writeable=False)
