@@ -30,6 +30,13 @@ def library_command(
         list[str] | None,
         typer.Option("--tags", "--tag", help="Tags of the source's shapes, separated by commas; repeatable."),
     ] = None,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN=TAGS",
+            help="Tags of the shapes whose paths meet a pattern in the syntax of .gitignore; repeatable.",
+        ),
+    ] = None,
     copy: Annotated[
         bool, typer.Option("--copy", help="Store the bytes of the files in the archive too.")
     ] = False,
@@ -55,7 +62,9 @@ def library_command(
             _print(client.sources().sources)
         elif action == "add":
             folder = str(Path(target or "").absolute())
-            added = client.add_source(folder, name=name, tags=split_tags(tags or []), copies=copy)
+            added = client.add_source(
+                folder, name=name, tags=split_tags(tags or []), rules=_rules(rule or []), copies=copy
+            )
             _follow(client, [added])
         elif action == "rescan":
             wanted = client.sources().sources if target is None else [_named(client, target)]
@@ -64,6 +73,17 @@ def library_command(
             _follow(client, [client.confirm_source(_named(client, target or "").id)])
         else:
             client.remove_source(_named(client, target or "").id)
+
+
+def _rules(rules: list[str]) -> dict[str, list[str]]:
+    """Return tags by patterns, from texts of the form PATTERN=TAGS."""
+    by_pattern: dict[str, list[str]] = {}
+    for rule in rules:
+        pattern, _, tags = rule.rpartition("=")
+        if not (pattern and split_tags([tags])):
+            fail(f"--rule {rule}: write a pattern, = and tags", status=2)
+        by_pattern.setdefault(pattern, []).extend(split_tags([tags]))
+    return by_pattern
 
 
 def _named(client: Client, target: str) -> Source:

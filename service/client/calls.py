@@ -447,10 +447,19 @@ def sources() -> Call[Sources]:
 
 
 def add_source(
-    path: str, *, name: str | None = None, tags: Sequence[str] = (), copies: bool = False
+    path: str,
+    *,
+    name: str | None = None,
+    tags: Sequence[str] = (),
+    rules: Mapping[str, Sequence[str]] | None = None,
+    copies: bool = False,
 ) -> Call[Source]:
-    """Have the mesh files of a folder of the service's machine as shapes; `copies` stores their bytes."""
-    body = given(path=path, name=name, tags=list(tags), copies=copies)
+    """Have the mesh files of a folder of the service's machine as shapes; `copies` stores their bytes.
+
+    `rules` has more tags by patterns of paths, in the syntax of .gitignore.
+    """
+    by_pattern = {pattern: list(of_path) for pattern, of_path in (rules or {}).items()}
+    body = given(path=path, name=name, tags=list(tags), rules=by_pattern, copies=copies)
     return Call("POST", "/sources", parsed(Source), json=body)
 
 

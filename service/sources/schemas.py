@@ -20,6 +20,9 @@ FileState = Literal["present", "missing", "refused", "unreadable"]
 """The state of a file: a shape; no longer in its folder; no mesh; or a file that the system does not open."""
 
 PATH_CHARACTERS = 2_000
+RULES = 100
+
+Pattern = Annotated[str, AfterValidator(storable_text), Field(min_length=1, max_length=255)]
 
 SOURCE: dict[str, Any] = {
     "id": "0c0f6c0a-7f0e-4d8b-8a51-0a2d1c3f9b10",
@@ -27,6 +30,7 @@ SOURCE: dict[str, Any] = {
     "path": "/srv/models",
     "copies": False,
     "tags": ["printed"],
+    "rules": {"brackets/": ["bracket"]},
     "state": "ready",
     "detail": None,
     "counts": {"present": 1204, "missing": 2, "refused": 7, "unreadable": 0},
@@ -60,6 +64,12 @@ class NewSource(BaseModel):
         default=None, description="Its name in lists; the name of the folder by default."
     )
     tags: Tags = Field(default=[], description="Tags of every shape that the source stores.")
+    rules: Annotated[dict[Pattern, Tags], Field(max_length=RULES)] = Field(
+        default={},
+        description="More tags of the shapes that the source stores, by patterns of their paths in the "
+        "folder, in the syntax of .gitignore.",
+        examples=[{"brackets/": ["bracket"], "*_v[0-9].stl": ["draft"]}],
+    )
     copies: StrictBool = Field(
         default=False, description="Store the bytes in the archive too, as those of an upload."
     )
@@ -104,6 +114,7 @@ class Source(BaseModel):
     path: str = Field(description="The real path of the folder.")
     copies: bool = Field(description="Whether the archive keeps the bytes too.")
     tags: list[str]
+    rules: dict[str, list[str]] = Field(description="More tags, by patterns of paths.")
     state: State = Field(
         description="`offline`: the folder is absent or empty, or has lost more than half of its files. "
         "Nothing is taken for deleted until the folder is back or the loss is confirmed."
@@ -117,7 +128,7 @@ class Source(BaseModel):
     @classmethod
     def of(cls, source: "SourceRow", counts: Mapping[str, int]) -> "Source":
         """Return the JSON of a source, and its numbers of files by state."""
-        names = ("id", "name", "copies", "tags", "detail", "created_at", "scanned_at")
+        names = ("id", "name", "copies", "tags", "rules", "detail", "created_at", "scanned_at")
         state = source.state
         if source.leased_until is not None and source.leased_until > datetime.now(UTC):
             state = "scanning"

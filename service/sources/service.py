@@ -10,10 +10,11 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from service.collection import CollectionNumber
-from service.errors import SourceNotFoundError, SourceRefusedError
+from service.errors import BadRequestFieldsError, FieldFault, SourceNotFoundError, SourceRefusedError
 from service.shapes import service as shapes_service
 from service.shapes.schemas import write_cursor
 from service.sources import repository
+from service.sources.rules import Rules
 from service.sources.schemas import FileState, NewSource, Source, SourceFile, SourceFilePage, Sources
 from service.storage.database import Database, ReadSession, WriteSession
 from service.storage.tables import SourceRow
@@ -51,7 +52,13 @@ def add(session: WriteSession, collection: CollectionNumber, new: NewSource, roo
     ------
     SourceRefusedError
         The collection has the folder, or another source of the name.
+    BadRequestFieldsError
+        A pattern of a rule is none.
     """
+    try:
+        Rules(new.rules)
+    except ValueError as error:
+        raise BadRequestFieldsError(FieldFault("rules", str(error))) from error
     name = new.name or root.name or "root"
     for other in repository.listed(session, collection):
         if other.root == str(root):
@@ -59,7 +66,8 @@ def add(session: WriteSession, collection: CollectionNumber, new: NewSource, roo
         if other.name == name:
             raise SourceRefusedError(f"another source has the name {name!r}; give this one a name")
     values = {"id": str(uuid.uuid4()), "name": name, "root": str(root), "copies": new.copies}
-    return _shown(session, repository.add(session, collection, {**values, "tags": list(new.tags)}))
+    row = repository.add(session, collection, {**values, "tags": new.tags, "rules": new.rules})
+    return _shown(session, row)
 
 
 def list_all(session: ReadSession, collection: CollectionNumber) -> Sources:

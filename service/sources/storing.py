@@ -27,13 +27,14 @@ from service.previews import thumbnails
 from service.rendering.thumbnail import draw
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
-from service.shapes.fields import base_name, clean_name
+from service.shapes.fields import base_name, clean_name, clean_tags
 from service.shapes.records import NewFile, NewShape, StoredShape, sha256
 from service.shapes.service import Put, ingest, store_files
 from service.sources import repository
 from service.sources.archives import Archives, Directories
 from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
 from service.sources.repository import KnownFile
+from service.sources.rules import Rules
 from service.sources.schemas import Scan as Report
 from service.sources.walk import FoundFile
 from service.storage.database import WriteSession
@@ -88,6 +89,7 @@ class FileStorer:
         self._source, self._root, self._report = source, Path(source.root), report
         self._collection = CollectionNumber(source.collection_number)
         self._locks: dict[str, asyncio.Lock] = {}
+        self._rules = Rules(source.rules)
         self.archives = Archives(
             self._root, container.settings, container.queue.zip_directory, places.directories
         )
@@ -151,7 +153,7 @@ class FileStorer:
             file.format,
             self._collection,
             name,
-            tuple(self._source.tags),
+            self._tags_of(found.path),
             {},
             in_place=file.in_place,
         )
@@ -164,6 +166,13 @@ class FileStorer:
             await ingest(self._container, new, also=record)
             await self._draw(file)
         self._report.stored += 1
+
+    def _tags_of(self, path: str) -> tuple[str, ...]:
+        """Return the tags of a new shape: those of the source, and those of the rules that its path meets."""
+        try:
+            return tuple(clean_tags([*self._source.tags, *self._rules.tags_of(path)]))
+        except ValueError as error:
+            raise BadRequestFieldsError(FieldFault("tags", str(error))) from error
 
     async def _replace(self, key: str, found: FoundFile, known: KnownFile, file: NewFile) -> bool:
         """Give the shape of a path its changed file; return whether the path has its shape."""

@@ -450,7 +450,8 @@ class JobFileRow(Table):
 class SourceRow(Table):
     """A folder whose mesh files are shapes of a collection and stay where they are.
 
-    `root` is the folder's real path. With `copies`, the archive keeps the bytes too. `state` is one of
+    `root` is the folder's real path. With `copies`, the archive keeps the bytes too. `rules` has tags by the
+    patterns of paths whose files get them. `state` is one of
     `service.sources.schemas.State`, `detail` the reason of `offline`, and `report` the counts of the latest
     scan. `requested` asks for a scan; `confirmed` lets it take files for deleted that an absent folder lacks.
     `runner` identifies the service that scans; it counts as dead after `leased_until`. A source with
@@ -470,6 +471,7 @@ class SourceRow(Table):
     root: Mapped[str] = mapped_column(AnyText)
     copies: Mapped[bool]
     tags: Mapped[list[str]] = mapped_column(JSON)
+    rules: Mapped[dict[str, list[str]]] = mapped_column(JSON)
     state: Mapped[str] = mapped_column(String(16))
     detail: Mapped[str | None] = mapped_column(Text)
     report: Mapped[dict[str, Any]] = mapped_column(JSON)

@@ -9,6 +9,8 @@ from tests.service.cli.conftest import Run
 from tests.service.sources.support import put
 from tests.service.support import small_file
 
+TAGS = ["printed", "2026", "mesh", "small", "first"]
+
 
 def rows(table: str) -> list[list[str]]:
     """The cells under the head of a table, but for the time of the scan."""
@@ -19,11 +21,12 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     at, folder = ("--url", archive.url), tmp_path / "models"
     put(folder / "a.off", small_file(1))
     put(folder / "bad.off", b"no mesh")
-    added = run("library", "add", folder, "--tags", "printed, 2026", *at)
+    rules = ("--rule", "*.off=mesh,small", "--rule", "other/=no", "--rule", "a.*=first")
+    added = run("library", "add", folder, "--tags", "printed, 2026", *rules, *at)
     assert (added.status, rows(added.stdout)) == (0, [["models", "ready", "1", "0", "1"]])
     assert f"{folder}/bad.off: " in added.stderr
     (shape,) = archive.shapes()
-    assert (shape.name, shape.tags) == ("a.off", ["printed", "2026"])
+    assert (shape.name, shape.tags) == ("a.off", TAGS)
     assert "is the source 'models' already" in run("library", "add", folder, *at).stderr
 
     folder.rename(tmp_path / "away")
@@ -41,7 +44,7 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     assert [deleted.id for deleted in archive.deleted()][-1:] == [shape.id]
     # The folder that is added again has its shape, with what people wrote about it.
     assert run("library", "add", folder, *at).status == 0
-    assert [(again.id, again.tags) for again in archive.shapes()] == [(shape.id, ["printed", "2026"])]
+    assert [(again.id, again.tags) for again in archive.shapes()] == [(shape.id, TAGS)]
     assert run("library", "remove", "models", *at).status == 0
     assert (folder / "a.off").read_bytes() == small_file(1)
 
@@ -50,6 +53,7 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     ("arguments", "status", "words"),
     [
         (("add",), 2, "library add needs a name"),
+        (("add", "/", "--rule", "brackets/"), 2, "write a pattern, = and tags"),
         (("add", "/"), 1, "ISOSHAPE_SOURCE_ROOTS"),
         (("remove", "no such"), 1, "there is no source 'no such'"),
     ],

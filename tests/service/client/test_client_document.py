@@ -78,7 +78,12 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("cancel_job", ("id",), {}, "POST /jobs/{job_id}/cancel"),
     ("delete_job", ("id",), {}, "DELETE /jobs/{job_id}"),
     ("sources", (), {}, "GET /sources"),
-    ("add_source", ("/m",), {"name": "x", "tags": ["a"], "copies": True}, "POST /sources"),
+    (
+        "add_source",
+        ("/m",),
+        {"name": "x", "tags": ["a"], "rules": {"p/": ["b"]}, "copies": True},
+        "POST /sources",
+    ),
     ("source", ("id",), {}, "GET /sources/{source_id}"),
     ("follow_source", ("id",), {"seconds": 0.0}, "GET /sources/{source_id}"),
     ("source_files", ("id",), {"state": "missing"}, "GET /sources/{source_id}/files"),

@@ -59,6 +59,21 @@ def test_each_change_of_a_folder_is_told_apart(library: Library, root: Path) -> 
     assert library.shapes()["inner/copy of a.off"] == a != library.shapes()["a.off"]
 
 
+def test_rules_tag_new_shapes_by_their_paths(running: Running, root: Path) -> None:
+    put(root / "brackets" / "a v2.off", small_file(11))
+    put(root / "b.off", small_file(12))
+    rules = {"brackets/": ["bracket", "metal"], "*v[0-9].off": ["draft", "metal"], "/a*": ["never"]}
+    with Library.of(running, root, tags=["found"], rules=rules) as library:
+        assert library.read()["rules"] == rules
+        tags = {
+            path: running.client.get(f"/shapes/{shape}").json()["tags"]
+            for path, shape in library.shapes().items()
+        }
+    assert tags == {"b.off": ["found"], "brackets/a v2.off": ["found", "bracket", "metal", "draft"]}
+    wrong = running.client.post("/sources", json={"path": str(root), "rules": {"!": ["a"]}})
+    assert_problem(wrong, 422, "bad-request-fields")
+
+
 def test_a_vanished_file_is_missing_and_comes_back(library: Library, root: Path) -> None:
     shapes = library.shapes()
     (root / "inner" / "b.off").rename(root.parent / "b.off")

@@ -41,7 +41,7 @@ cursors of another order."""
 WRITTEN = {
     *("q", "name", "tag", "tags", "metadata", "area", "volume", "length", "landmarks", "transfer"),
     *("shapes", "shape", "deleted", "keep", "decided_by", "reason"),
-    *("add_tags", "remove_tags", "set_metadata", "remove_metadata", "collection", "path"),
+    *("add_tags", "remove_tags", "set_metadata", "remove_metadata", "collection", "path", "rules"),
 }
 # In it everything is text: any may be a tag, and true is written in many ways.
 FORM = "multipart/form-data"
