@@ -41,7 +41,7 @@ def store(
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
     views = np.array([content, 8], np.uint8)
-    embedded = Embedded(b"record", signature, bytes([content, 1]), b"points", views, 0.5, PIECES, {}, {})
+    embedded = Embedded(b"record", signature, bytes([content, 1]), views, 0.5, PIECES, {}, {})
     new = NewShape(str(content).encode(), "off", DEFAULT_COLLECTION.number, name, (), {})
     with database.write() as session:
         blob = file_repository.blob_number(session, new.sha256)
