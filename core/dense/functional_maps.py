@@ -61,6 +61,9 @@ distance, over that of two points of the surface, of the images of vertices unde
 individuals the maps of octopus, pliers and glasses differ by 0 to 5, the map of a person and the one that is
 turned about by 2 to 5, and other wrong maps by 10 and more."""
 
+CLEAR = 0.4
+"""Least agreement of orientation, or of its negative, by which a map may differ from its start."""
+
 EVIDENT = 0.15
 """Least contrast of residuals, in [-1, 1], of a map that reverses orientation: the mean over both surfaces of
 the relative difference of the residuals of two maps. Between a body made by code and the mirror image of
@@ -256,8 +259,11 @@ def functional_map(
         for rotation in small
     ]
     fits = [_fit(*some, rotation, held) for rotation in maps]
-    costs = np.array([fit.cost() for fit in fits])
-    reverses = np.array([oriented and fit.agreement < 0.0 for fit in fits])
+    # A map may have drifted to the other orientation.
+    agreements = np.array([fit.agreement for fit in fits])
+    signs = np.where((signs == 0.0) | (np.abs(agreements) >= CLEAR), np.sign(agreements), signs)
+    costs = np.array([fit.cost(sign) for fit, sign in zip(fits, signs, strict=True)])
+    reverses = oriented & (signs < 0.0)
     chosen = _chosen(fits, costs, reverses, (some[0].areas, some[1].areas), by_cost=held is not None)
     fits_too = (reverses == reverses[chosen]) & (costs <= costs[chosen] + FITS_AS_WELL)
     order = np.argsort(costs, kind="stable")
