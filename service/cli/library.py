@@ -11,7 +11,7 @@ from service.console import fail, output, progress, say, table
 from service.shapes.fields import split_tags
 from service.sources.schemas import Source
 
-Action = Literal["list", "add", "rescan", "confirm", "remove"]
+Action = Literal["list", "add", "rule", "rescan", "confirm", "remove"]
 
 CHECK_SECONDS = 0.5
 
@@ -47,7 +47,8 @@ def library_command(
     """List, add, scan and remove folders that stay in place.
 
     The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
-    `add` stores them, and `rescan` what has changed since, in one source or in all. `isoshape serve` does so
+    `add` stores them, and `rescan` what has changed since, in one source or in all. `rule` sets the rules of
+    a source, for shapes that are stored later. `isoshape serve` does so
     by itself. A source is offline if its folder is absent or empty, or has lost more than half of its files:
     nothing is deleted then, until `confirm` says that the files are gone for good. `remove` deletes the
     shapes of a source; `isoshape restore` brings them back for a time.
@@ -55,7 +56,7 @@ def library_command(
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
     """
-    if target is None and action in {"add", "confirm", "remove"}:
+    if target is None and action in {"add", "rule", "confirm", "remove"}:
         fail(f"library {action} needs a name", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
         if action == "list":
@@ -66,6 +67,8 @@ def library_command(
                 folder, name=name, tags=split_tags(tags or []), rules=_rules(rule or []), copies=copy
             )
             _follow(client, [added])
+        elif action == "rule":
+            _print([client.set_source_rules(_named(client, target or "").id, _rules(rule or []))])
         elif action == "rescan":
             wanted = client.sources().sources if target is None else [_named(client, target)]
             _follow(client, [client.rescan_source(source.id) for source in wanted])

@@ -483,6 +483,12 @@ def source_files(source_id: str, *, state: FileState | None = None) -> Call[Step
     return pages(path, SourceFilePage, lambda answer: answer.files, state=state)
 
 
+def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call[Source]:
+    """Have the shapes that later scans store tagged by patterns of their paths."""
+    by_pattern = {pattern: list(tags) for pattern, tags in rules.items()}
+    return Call("PUT", f"{_source(source_id)}/rules", parsed(Source), json={"rules": by_pattern})
+
+
 def rescan_source(source_id: str) -> Call[Source]:
     """Scan a source for new and changed files."""
     return Call("POST", f"{_source(source_id)}/rescan", parsed(Source))

@@ -126,6 +126,7 @@ class _Methods:
     source = _once(calls.source)
     follow_source = _series(calls.follow_source)
     source_files = _series(calls.source_files)
+    set_source_rules = _once(calls.set_source_rules)
     rescan_source = _once(calls.rescan_source)
     confirm_source = _once(calls.confirm_source)
     remove_source = _once(calls.remove_source)

@@ -16,7 +16,7 @@ from service.shapes.fields import clean_id
 from service.shapes.schemas import read_cursor
 from service.sources import service
 from service.sources.scanner import Scanner
-from service.sources.schemas import FileState, NewSource, Source, SourceFilePage, Sources
+from service.sources.schemas import FileState, NewRules, NewSource, Source, SourceFilePage, Sources
 
 router = APIRouter(tags=["sources"])
 
@@ -98,6 +98,18 @@ def list_source_files(
         return service.list_files(
             session, collection.number, source_id, listing.state, after=after, limit=listing.limit
         )
+
+
+@router.put(
+    f"{SOURCES}/{{source_id}}/rules",
+    summary="Set the rules of a source",
+    responses=documented("bad-request-fields", "source-not-found", *WRITE_PROBLEMS),
+)
+async def set_source_rules(
+    source_id: SourceId, new: NewRules, container: Service, collection: InCollection
+) -> Source:
+    """Have the shapes that later scans store tagged by these rules, and no others."""
+    return await container.database.writing(service.set_rules, collection.number, source_id, new.rules)
 
 
 @router.post(

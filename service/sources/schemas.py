@@ -23,6 +23,15 @@ PATH_CHARACTERS = 2_000
 RULES = 100
 
 Pattern = Annotated[str, AfterValidator(storable_text), Field(min_length=1, max_length=255)]
+TagRules = Annotated[
+    dict[Pattern, Tags],
+    Field(
+        max_length=RULES,
+        description="More tags of the shapes that the source stores, by patterns of their paths in the "
+        "folder, in the syntax of .gitignore.",
+        examples=[{"brackets/": ["bracket"], "*_v[0-9].stl": ["draft"]}],
+    ),
+]
 
 SOURCE: dict[str, Any] = {
     "id": "0c0f6c0a-7f0e-4d8b-8a51-0a2d1c3f9b10",
@@ -64,15 +73,18 @@ class NewSource(BaseModel):
         default=None, description="Its name in lists; the name of the folder by default."
     )
     tags: Tags = Field(default=[], description="Tags of every shape that the source stores.")
-    rules: Annotated[dict[Pattern, Tags], Field(max_length=RULES)] = Field(
-        default={},
-        description="More tags of the shapes that the source stores, by patterns of their paths in the "
-        "folder, in the syntax of .gitignore.",
-        examples=[{"brackets/": ["bracket"], "*_v[0-9].stl": ["draft"]}],
-    )
+    rules: TagRules = {}
     copies: StrictBool = Field(
         default=False, description="Store the bytes in the archive too, as those of an upload."
     )
+
+
+class NewRules(BaseModel):
+    """The rules of a source."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    rules: TagRules
 
 
 class Scan(BaseModel):

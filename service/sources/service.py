@@ -5,7 +5,7 @@ Functions that take the id of a source raise SourceNotFoundError if the collecti
 
 import os
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -55,10 +55,7 @@ def add(session: WriteSession, collection: CollectionNumber, new: NewSource, roo
     BadRequestFieldsError
         A pattern of a rule is none.
     """
-    try:
-        Rules(new.rules)
-    except ValueError as error:
-        raise BadRequestFieldsError(FieldFault("rules", str(error))) from error
+    _check(new.rules)
     name = new.name or root.name or "root"
     for other in repository.listed(session, collection):
         if other.root == str(root):
@@ -98,6 +95,29 @@ def list_files(
         total=sum(counts.values()) if state is None else counts.get(state, 0),
         next_cursor=write_cursor(rows[limit - 1][0].number) if len(rows) > limit else None,
     )
+
+
+def set_rules(
+    session: WriteSession, collection: CollectionNumber, source_id: str, rules: Mapping[str, list[str]]
+) -> Source:
+    """Have the shapes that later scans store tagged by these rules, and no others.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        A pattern of a rule is none.
+    """
+    _check(rules)
+    source = _row(session, collection, source_id)
+    source.rules = dict(rules)
+    return _shown(session, source)
+
+
+def _check(rules: Mapping[str, list[str]]) -> None:
+    try:
+        Rules(rules)
+    except ValueError as error:
+        raise BadRequestFieldsError(FieldFault("rules", str(error))) from error
 
 
 def ask_for_scan(

@@ -182,6 +182,9 @@ SENT: dict[Operation, list[Send]] = {
     ("POST", "/sources"): [a_folder],
     ("GET", "/sources/{source_id}"): [to("GET", "/sources/{source_id}")],
     ("GET", "/sources/{source_id}/files"): [to("GET", "/sources/{source_id}/files")],
+    ("PUT", "/sources/{source_id}/rules"): [
+        to("PUT", "/sources/{source_id}/rules", json={"rules": {"a/": [SECRET]}})
+    ],
     ("POST", "/sources/{source_id}/rescan"): [to("POST", "/sources/{source_id}/rescan")],
     ("POST", "/sources/{source_id}/confirm"): [to("POST", "/sources/{source_id}/confirm")],
     ("DELETE", "/sources/{source_id}"): [to("DELETE", "/sources/{source_id}")],

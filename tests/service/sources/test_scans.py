@@ -69,7 +69,13 @@ def test_rules_tag_new_shapes_by_their_paths(running: Running, root: Path) -> No
             path: running.client.get(f"/shapes/{shape}").json()["tags"]
             for path, shape in library.shapes().items()
         }
-    assert tags == {"b.off": ["found"], "brackets/a v2.off": ["found", "bracket", "metal", "draft"]}
+        assert tags == {"b.off": ["found"], "brackets/a v2.off": ["found", "bracket", "metal", "draft"]}
+        changed = running.client.put(f"/sources/{library.id}/rules", json={"rules": {"c*": ["new"]}})
+        assert changed.json()["rules"] == {"c*": ["new"]}
+        put(root / "brackets" / "c v2.off", small_file(13))
+        library.rescan()
+        (shape,) = running.client.get("/shapes", params={"tag": "new"}).json()["shapes"]
+        assert (shape["name"], shape["tags"]) == ("c v2.off", ["found", "new"])
     wrong = running.client.post("/sources", json={"path": str(root), "rules": {"!": ["a"]}})
     assert_problem(wrong, 422, "bad-request-fields")
 
