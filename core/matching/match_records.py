@@ -96,7 +96,7 @@ def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) 
     m = int(regions.max()) + 1
     rows = min(wanted.search_samples or m, m)
     columns = wanted.search_dimensions or parameters.spectral.dimensions
-    clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
+    clouds = [spectrum.coordinates.astype(np.float64, order="C") for spectrum in embedding.spectra]
     samples = [points[:m] for points in clouds]
     searched = [points[:rows, :columns] for points in samples]
     centred = [points - points.mean(axis=0) for points in samples]
