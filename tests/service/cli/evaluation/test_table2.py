@@ -58,6 +58,7 @@ def test_the_table_has_the_papers_columns_beside_ours() -> None:
     ]
 
 
+@pytest.mark.studies
 def test_accuracies_are_those_of_evaluate(collection: Path, run: Run) -> None:
     done = run("table2", collection, "--limit", 6, "--json")
     assert (done.status, done.stderr) == (0, "")
