@@ -7,8 +7,8 @@ By class, `mirrored.csv` has the shares of pairs of which `mirrored` is true, th
 another symmetry of the class than to the truth, turned (which keep orientation) or exchanged (which reverse
 it), the share said to be ambiguous, and the mean error of the vertices. With --tosca, poses of one body of a
 collection with `.vts` files as well; such a body is nearly its own mirror image, so images are not matched.
-Exits with status 1 if `mirrored` is right for less than 95 % of either kind, over classes not symmetric to
-the eye.
+Exits with status 1 if `mirrored` is right for less than 95 % of either kind, over classes that are not
+symmetric to the eye.
 """
 
 from collections.abc import Iterator, Sequence
