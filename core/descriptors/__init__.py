@@ -4,4 +4,14 @@ A mesh in; spin images, views, global descriptors, the boundary ratio and the di
 out.
 """
 
-__all__ = ["depth_images", "facts", "network_views", "partial", "pieces", "registry", "spin_images", "views"]
+__all__ = [
+    "depth_images",
+    "facts",
+    "network",
+    "network_views",
+    "partial",
+    "pieces",
+    "registry",
+    "spin_images",
+    "views",
+]
