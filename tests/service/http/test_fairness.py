@@ -15,6 +15,7 @@ from service.app import DOWNLOADS
 from service.auth.keys import digest_of
 from service.compute import request_queue as work_module
 from service.shapes import service as shapes_service
+from service.storage.database import THREADS
 from service.turns import Pace
 from tests.core.shapes import box
 from tests.service.support import Running, assert_problem, query, serving, settings_in, small_file, wait_until
@@ -94,7 +95,7 @@ def test_a_client_that_occupies_the_threads_leaves_some_to_another(
     with ThreadPoolExecutor(60) as others, monkeypatch.context() as patch:
         patch.setattr(shapes_service, "list_page", wait_and_list)
         flood = [others.submit(first.get, "/shapes") for _ in range(60)]
-        for _ in range(8):
+        for _ in range(THREADS):
             assert begun.acquire(timeout=60)
         assert second.get("/version").status_code == 200
         assert_problem(second.get("/shapes/none"), 404, "shape-not-found")
