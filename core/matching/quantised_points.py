@@ -34,7 +34,7 @@ def encoded_points(coordinates: Float32s, regions: Int32s) -> bytes:
     The numbers of `HEAD`; units of the samples and of the offsets, float32, shape (2, c); the samples over
     their units, int16, shape (m, c); the regions of the other points, uint16, shape (d - m,); their offsets
     from these samples over their units, int8, shape (d - m, c); zero bytes. Without other points the samples
-    are float32, and the units are 1.
+    are float32, and the units, 1, are not read.
 
     Parameters
     ----------
@@ -98,7 +98,9 @@ def decoded_points(data: bytes) -> tuple[Float32s, Int32s]:
         raise ValueError("regions has an index out of range")
     if not ((np.abs(units) < LARGEST_UNIT).all() and (np.abs(samples) < LARGEST_UNIT).all()):
         raise ValueError("coordinates has a number that is not finite")
-    coordinates = np.concatenate([samples * units[0], samples[regions] * units[0] + offsets * units[1]])
+    if d > m:
+        samples = samples * units[0]
+    coordinates = np.concatenate([samples, samples[regions] + offsets * units[1]])
     return coordinates, np.concatenate([np.arange(m, dtype=np.int32), regions])
 
 

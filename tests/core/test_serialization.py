@@ -247,10 +247,16 @@ def test_an_index_of_nothing_is_refused(name, index):
         {"facts": {**asdict(FACTS), "scale": "1"}},
         {"facts": {**asdict(FACTS), "components": -1}},
         {"facts": {**asdict(FACTS), "volume": float("inf")}},
+        {"facts": {**asdict(FACTS), "boundary_edges": -1}},
+        *({"facts": {**asdict(FACTS), name: 10**400}} for name in ("faces", "area")),
     ],
 )
 def test_a_header_that_is_not_one_or_has_a_value_of_the_wrong_kind_is_refused(header):
-    refused(saved(arrays_with(header)))
+    data = saved(arrays_with(header))
+    refused(data)
+    if isinstance(header, bytes) or "facts" in header:
+        with pytest.raises(BadRecordError):
+            descriptors_from_bytes(data)
 
 
 def test_descriptors_are_those_of_the_embedding():

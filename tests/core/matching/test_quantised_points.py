@@ -67,6 +67,14 @@ def with_number(data, place, number):
     return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
 
 
+def test_samples_alone_have_no_units():
+    data = quantised_points(random_embedding(1, 10, 10, 2))
+    others = with_number(data, 3, np.float32(2.0**99))
+    expected, _ = decoded_points(data)
+    for found, _ in (decoded_points(others), points_of(np.frombuffer(others, np.uint8), 4)):
+        assert np.array_equal(found, expected)
+
+
 def test_other_bytes_are_refused():
     data = quantised_points(random_embedding(1, 10, 30, 2))
     for bad in (b"", b"no", data[:-1], data[:-4], data + bytes(4), bytes(len(data))):
