@@ -98,7 +98,7 @@ class Embedding:
     pieces : float32, shape (k, 6)
         The kinds of connected components: see `core.descriptors.pieces`.
     descriptors : dict
-        An array for each descriptor, by name: see `core.descriptors.registry`.
+        An array for each descriptor, by name, but for optional ones: see `core.descriptors.registry`.
     orientation : int8, shape (m, p)
         Signed areas of the samples' regions from `core.spectral.orientation.quantised_areas`. The shape is
         (0, 0) without Laplace-Beltrami coordinates, and if the surface's faces are turned every way.

@@ -168,8 +168,7 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
 
 def _descriptors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the descriptors among the arrays of a record; raise KeyError without one that all have."""
-    optional = {name for name, row in DESCRIPTORS.items() if row.available}
-    return {name: arrays[name] for name in DESCRIPTORS if name in arrays or name not in optional}
+    return {name: arrays[name] for name, row in DESCRIPTORS.items() if name in arrays or not row.optional}
 
 
 def _faults(embedding: Embedding) -> Iterator[str]:

@@ -56,7 +56,7 @@ def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None 
         check_finite(sampled.distances, sampled.areas)
 
         # Embed in the spectral domains; describe the surface beside them.
-        spectra, eigenvalues, orientation, spectrum = spectra_of(surface, sampled, parameters.spectral)
+        spectra, eigenvalues, orientation, many = spectra_of(surface, sampled, parameters.spectral)
         signature = np.concatenate([eigenvalues, GLOBAL_WEIGHT * global_descriptors(surface)])
         facts = measure(mesh, cleaned, frame)
         described = DescribedSurface(
@@ -65,12 +65,17 @@ def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None 
             opened=lambda: opened(cleaned, parameters),
             smoothed=smoothed,
             boundary_ratio=facts.boundary_ratio,
-            eigenvalues=spectrum,
+            eigenvalues=many,
         )
         names = computed_descriptors() if descriptors is None else descriptors
         arrays = {name: DESCRIPTORS[name].compute(described) for name in names}
+
+        # Round coordinates, which must be finite.
+        regions = sparse.regions[points].astype(np.int32)
+        spectra = tuple(
+            replace(spectrum, coordinates=rounded(spectrum.coordinates, regions)) for spectrum in spectra
+        )
     positions = frame.invert(surface.vertices[samples])
-    regions = sparse.regions[points].astype(np.int32)
     return Embedding(
         fingerprint=parameters.fingerprint,
         facts=facts,
@@ -81,10 +86,8 @@ def embed(mesh: Mesh, parameters: Parameters, descriptors: Iterable[str] | None 
         tree_edges=sparse.edges[sparse.tree].astype(np.int32),
         regions=regions,
         signature=signature.astype(np.float32),
-        spectra=tuple(
-            replace(spectrum, coordinates=rounded(spectrum.coordinates, regions)) for spectrum in spectra
-        ),
+        spectra=spectra,
         pieces=pieces(cleaned.mesh, cleaned.labels),
-        descriptors=arrays,
+        descriptors={name: array for name, array in arrays.items() if array is not None},
         orientation=orientation,
     )

@@ -15,12 +15,14 @@ from core.spectral.spectral_embedding import FAINTEST, SPECTRUM
 Halves = NDArray[np.float16]
 
 
-def log_eigenvalues(values: Floats) -> Halves:
+def log_eigenvalues(values: Floats) -> Halves | None:
     """Return the logarithms of eigenvalues times the area, shape (SPECTRUM,), in half precision.
 
-    The last of fewer values stands for those that lack, and 1 if there is none.
+    The last of fewer values stands for those that lack; None if there is none.
     """
-    known = np.maximum(values[:SPECTRUM], FAINTEST) if len(values) else np.ones(1)
+    if not len(values):
+        return None
+    known = np.maximum(values[:SPECTRUM], FAINTEST)
     padded = np.pad(known, (0, SPECTRUM - len(known)), mode="edge")
     return np.asarray(np.log(padded), dtype=np.float16)
 

@@ -43,7 +43,7 @@ class DescribedSurface:
     boundary_ratio : float
         See `core.descriptors.facts.boundary_ratio`.
     eigenvalues : float64, shape (at most SPECTRUM,)
-        Of the Laplace-Beltrami operator, times the area, ascending.
+        Of the Laplace-Beltrami operator, times the area, ascending; none if the parameters do not ask for it.
     """
 
     cleaned: Mesh
@@ -71,20 +71,23 @@ class Descriptor:
     dtype : type
         Of its array.
     compute : callable
-        Returns the array of a surface.
+        Returns the array of a surface, or None if it cannot be computed under the parameters.
     distance : callable
         Returns the distances between the array of one surface and those of c others, shape (c,), >= 0.
     typical : float
         The typical distance of shapes that are near by eigenvalues or views; it stands for unknown distances.
+    optional : bool
+        Whether embeddings may lack the descriptor.
     available : callable, optional
-        Returns whether this installation computes the descriptor. Embeddings may lack such a descriptor.
+        Returns whether this installation computes the descriptor, if not every one does.
     """
 
     shapes: tuple[tuple[int, ...], ...]
     dtype: type[np.generic]
-    compute: Callable[[DescribedSurface], NDArray[Any]]
+    compute: Callable[[DescribedSurface], NDArray[Any] | None]
     distance: Callable[[NDArray[Any], Sequence[NDArray[Any]]], Floats]
     typical: float
+    optional: bool = False
     available: Callable[[], bool] | None = None
 
 
@@ -118,6 +121,7 @@ DESCRIPTORS: dict[str, Descriptor] = {
         compute=lambda surface: log_eigenvalues(surface.eigenvalues),
         distance=eigenvalue_distance,
         typical=0.1,
+        optional=True,
     ),
     "network_views": Descriptor(
         shapes=((VIEWS, FEATURES),),
@@ -125,6 +129,7 @@ DESCRIPTORS: dict[str, Descriptor] = {
         compute=lambda surface: network_views(*surface.seen),
         distance=network_view_distance,
         typical=0.4,
+        optional=True,
         available=is_available,
     ),
 }
@@ -142,7 +147,7 @@ class ShapeDescriptors:
     ----------
     signature : float32, shape (s,)
     arrays : dict
-        An array for each of `DESCRIPTORS`, by name, but for those that are not available everywhere.
+        An array for each of `DESCRIPTORS`, by name; optional ones may lack.
     reliability : float
         `core.descriptors.facts.intrinsic_reliability`, in (0, 1].
     """

@@ -63,7 +63,7 @@ class Calibration:
     ----------
     intercept : float
     slopes : tuple of float
-        One for each feature. All are negative: a larger difference makes one class less likely.
+        One for each feature.
     """
 
     intercept: float
@@ -191,11 +191,11 @@ def isometry_bonus(differences: PairDifferences) -> Floats:
 
     The nearer the eigenvalues, the larger the bonus. Collections of classes cannot show it, since all nearly
     isometric surfaces are of one class there. The fine end of the spectrum counts as far as the coarse end
-    agrees.
+    agrees; without it, the coarse end alone.
     """
-    s = differences.spectral
+    s, many = differences.spectral, differences.distances["eigenvalues"]
     agreement = AGREED**2 / (AGREED**2 + s**2)
-    distance = s + agreement * (differences.distances["eigenvalues"] - s)
+    distance = s + agreement * np.where(np.isnan(many), 0.0, many - s)
     return np.asarray(-BONUS * differences.reliability * np.log((distance + FINEST) / (distance + FINE)))
 
 

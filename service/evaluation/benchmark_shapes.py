@@ -85,12 +85,15 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     spectra = tuple(
         replace(spectrum, coordinates=noisy(spectrum.coordinates, strength)) for spectrum in embedding.spectra
     )
-    eigenvalues = noisy(embedding.descriptors["eigenvalues"].astype(np.float32), 0.25 * strength)
+    descriptors = dict(embedding.descriptors)
+    if "eigenvalues" in descriptors:
+        eigenvalues = noisy(descriptors["eigenvalues"].astype(np.float32), 0.25 * strength)
+        descriptors["eigenvalues"] = eigenvalues.astype(np.float16)
     shaken = replace(
         embedding,
         spectra=spectra,
         signature=noisy(embedding.signature, 0.25 * strength),
-        descriptors={**embedding.descriptors, "eigenvalues": eigenvalues.astype(np.float16)},
+        descriptors=descriptors,
     )
     if other is None:
         return shaken
@@ -100,5 +103,4 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     if not is_part(spin_images):
         rows = rng.random(len(spin_images)) < 2.0 * strength
         spin_images[rows] = other.descriptors["spin_images"][: len(spin_images)][rows]
-    descriptors = {**shaken.descriptors, "spin_images": spin_images, "views": mixed}
-    return replace(shaken, descriptors=descriptors)
+    return replace(shaken, descriptors={**descriptors, "spin_images": spin_images, "views": mixed})

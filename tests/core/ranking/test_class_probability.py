@@ -123,6 +123,14 @@ def test_the_fine_end_of_the_spectrum_counts_as_far_as_the_coarse_end_agrees() -
     assert 0.0 < far[0] - far[1] < 0.1
 
 
+def test_without_the_fine_end_the_coarse_end_alone_counts() -> None:
+    coarse, lacking = np.array([0.004, 0.06]), np.full(2, np.nan)
+    known, unknown = (
+        isometry_bonus(differences(2, spectral=coarse, eigenvalues=fine)) for fine in (coarse, lacking)
+    )
+    assert unknown == pytest.approx(known)
+
+
 def test_a_pair_without_views_of_a_network_has_models_of_its_own() -> None:
     """A lacking view says nothing for or against a pair."""
     lacking = differences(network_views=np.array([np.nan]))
