@@ -43,7 +43,7 @@ MOST_BYTES = 1 << 28
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
-    """Return the record of an embedding: about 41 kB, or 64 kB for an incomplete surface.
+    """Return the record of an embedding: about 41 kB, or 66 kB for an incomplete surface.
 
     The views of a network take 7 kB of these.
 

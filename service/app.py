@@ -60,7 +60,7 @@ from service.turns import Shares, Turns
 from service.web.endpoints import router as page_router
 
 DESCRIPTOR_BYTES = 256 * 1024**2
-"""Memory for descriptors of stored shapes: 26 kB each, 100 kB for an incomplete shape."""
+"""Memory for descriptors of stored shapes: 34 kB each, 108 kB for an incomplete shape."""
 
 RELATIONS = 4096
 """Pairs of shapes of which it is kept what registration told: about 1 kB each."""

@@ -25,8 +25,13 @@ STRIDES = {0: 1, 1: 2, 3: 2, 5: 2, 11: 2}
 BLOCKS = 16
 
 OPSET, IR_VERSION = 13, 8
-FLOAT, INT = 1, 2
-"""Versions of the operators and of the format; numbers of the types of data and of attributes."""
+"""Versions of the operators and of the format."""
+
+FLOAT = 1
+"""The type of the numbers of a tensor."""
+
+INT, STRING, INTS = 2, 3, 7
+"""The types of attributes."""
 
 
 def network(weights: dict[str, Float32s]) -> bytes:
@@ -73,10 +78,10 @@ class _Graph:
         channels, inputs, size, _ = kernel.shape
         before = self.channels.get(value, inputs)
         attributes = [
-            _text(1, "auto_pad") + _text(4, "SAME_UPPER") + _number(20, 3),
-            _text(1, "strides") + _number(8, stride) + _number(8, stride) + _number(20, 7),
-            _text(1, "kernel_shape") + _number(8, size) + _number(8, size) + _number(20, 7),
-            _text(1, "group") + _number(3, before // inputs) + _number(20, 2),
+            _text(1, "auto_pad") + _text(4, "SAME_UPPER") + _number(20, STRING),
+            _text(1, "strides") + _number(8, stride) + _number(8, stride) + _number(20, INTS),
+            _text(1, "kernel_shape") + _number(8, size) + _number(8, size) + _number(20, INTS),
+            _text(1, "group") + _number(3, before // inputs) + _number(20, INT),
         ]
         value = self.node("Conv", [value, f"{name}.kernel", f"{name}.bias"], channels, attributes=attributes)
         return self.node("Clip", [value, "least", "most"], channels) if bounded else value

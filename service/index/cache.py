@@ -104,7 +104,7 @@ SAMPLE = 512
 """Number of shapes in a sample; smaller collections are sampled whole."""
 
 COLLECTIONS, DENSITIES = 32, 50_000
-"""Numbers of collections whose samples a pipeline keeps, of about 6 MB each, and of densities in each."""
+"""Numbers of collections whose samples a pipeline keeps, of about 9 MB each, and of densities in each."""
 
 PRIME, FIRST, SECOND = 2**31 - 1, 1_103_515_245, 654_435_761
 """Keys of the hash of shape numbers. Products of two numbers below the prime fit 64 bits, in SQL too."""
