@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load, save
 
+from core import serialization
 from core.descriptors.facts import intrinsic_reliability
 from core.descriptors.network import FEATURES
 from core.descriptors.network_views import VIEWS
@@ -152,6 +153,12 @@ def test_a_truncated_record_is_refused_wherever_it_ends():
 )
 def test_other_bytes_are_refused(data):
     refused(data)
+
+
+def test_a_record_that_inflates_to_too_many_bytes_is_refused(monkeypatch):
+    data = embedding_to_bytes(embedding())
+    monkeypatch.setattr(serialization, "MOST_BYTES", len(zlib.decompress(data[points_length(data) :])) - 1)
+    refused(data, "cut short")
 
 
 OPTIONAL = {"eigenvalues", "network_views"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.matching.kernels.one_to_many import points_of
+from core.matching.kernels.points import points_of
 from core.matching.quantised_points import (
     decoded_points,
     encoded_points,
