@@ -4,7 +4,6 @@ A search re-ranks hundreds of shapes by the points alone, which are read without
 """
 
 import json
-import sys
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -40,6 +39,9 @@ LEVEL = 1
 
 MOST_BYTES = 1 << 28
 """Most bytes of an inflated record: those of 10,000 samples are a hundredth."""
+
+LARGEST = float(np.finfo(np.float64).max)
+"""Largest number among facts."""
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
@@ -100,7 +102,7 @@ def _facts(header: dict[str, Any]) -> Facts:
     for field in fields(Facts):
         value = getattr(facts, field.name)
         good = isinstance(value, int) or (field.type is float and isinstance(value, float))
-        if isinstance(value, bool) or not good or not 0 <= value <= sys.float_info.max:
+        if isinstance(value, bool) or not good or not 0 <= value <= LARGEST:
             raise ValueError(f"{field.name} is {value!r}")
     return facts
 
