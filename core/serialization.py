@@ -47,10 +47,9 @@ LARGEST = float(np.finfo(np.float64).max)
 def embedding_to_bytes(embedding: Embedding) -> bytes:
     """Return the record of an embedding: about 41 kB, or 66 kB for an incomplete surface.
 
-    The views of a network take 7 kB of these.
-
-    Coordinates are rounded as `core.matching.quantised_points.rounded` does, which those of a pipeline are
-    already. The same embedding always gives the same bytes.
+    Views of a network take 7 kB of these. Coordinates are rounded as
+    `core.matching.quantised_points.rounded` does, which those of a pipeline are already. The same embedding
+    always gives the same bytes.
     """
     header: dict[str, Any] = {
         "fingerprint": embedding.fingerprint,
