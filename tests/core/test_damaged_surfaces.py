@@ -9,6 +9,7 @@ from core.mesh import ordering
 from core.numerics.guarding import check_finite, guarded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
+from core.spectral.spectral_embedding import spectra_of
 from tests.core.damaged import DAMAGES, touching_boxes
 from tests.core.shapes import blob, box, loose_parts
 from tests.gallery import make_shape
@@ -65,6 +66,19 @@ def test_expected_errors_keep_their_names_and_others_say_that_the_mesh_cannot_be
     with pytest.raises(type(error) if error in EXPECTED else CannotBeEmbeddedError) as caught:
         Pipeline(DEFAULT).embed(box(1, 1, 1))
     assert (caught.value if error in EXPECTED else caught.value.__cause__) is error
+
+
+@pytest.mark.parametrize("parameters", [DEFAULT, PAPER])
+def test_no_coordinate_that_is_not_finite_is_rounded(monkeypatch, parameters):
+    def spoilt(*arguments):
+        spectra, *others = spectra_of(*arguments)
+        spectra[0].coordinates[-1, 0] = np.nan
+        return spectra, *others
+
+    monkeypatch.setattr(sparse_embedding, "spectra_of", spoilt)
+    with pytest.raises(CannotBeEmbeddedError) as caught:
+        Pipeline(parameters).embed(blob(0, 2), ())
+    assert "not finite" in str(caught.value.__cause__) or "invalid value" in str(caught.value.__cause__)
 
 
 @pytest.mark.parametrize(
