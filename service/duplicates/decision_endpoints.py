@@ -3,7 +3,6 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
-from pydantic import AfterValidator
 
 from service.collections.endpoints import InCollection
 from service.container import Service
@@ -23,14 +22,12 @@ from service.http.request_bodies import once_each
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
 from service.shapes.endpoints import PageOptions
-from service.shapes.fields import clean_id
+from service.shapes.fields import Id
 from service.shapes.schemas import Shape, read_cursor
 
 router = APIRouter(tags=["search"])
 
-DecisionId = Annotated[
-    str, AfterValidator(clean_id), Path(description="The id of a decision.", max_length=64)
-]
+DecisionId = Annotated[Id, Path(description="The id of a decision.")]
 
 
 def _who(request: Request, named: str | None) -> str | None:

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
 from service.duplicates.records import Decision, DecisionRecord
-from service.shapes.fields import Metadata, Tags, clean_id, clean_text
+from service.shapes.fields import Id, Metadata, Tags, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
 
 MOST_SHAPES = 100
@@ -22,9 +22,8 @@ def _distinct(ids: list[str]) -> list[str]:
     return ids
 
 
-ShapeId = Annotated[str, AfterValidator(clean_id), Field(max_length=64)]
 ShapeIds = Annotated[
-    list[ShapeId],
+    list[Id],
     AfterValidator(_distinct),
     Field(
         min_length=2,
@@ -119,9 +118,8 @@ class Merge(BaseModel):
     )
 
     shapes: ShapeIds
-    keep: Annotated[str, AfterValidator(clean_id)] = Field(
+    keep: Id = Field(
         default="oldest",
-        max_length=64,
         description="The shape that stays: the id of one of the shapes, the oldest, the newest, or the one "
         "with the most faces (largest).",
     )
@@ -143,10 +141,10 @@ class MergeUndo(BaseModel):
         json_schema_extra={"example": {"shape": SHAPE["id"], "tags": [], "metadata": {}, "deleted": [OTHER]}},
     )
 
-    shape: ShapeId = Field(description="The id of the shape that stayed.")
+    shape: Id = Field(description="The id of the shape that stayed.")
     tags: Tags = Field(description="Its former tags.")
     metadata: Metadata = Field(description="Its former metadata.")
-    deleted: list[ShapeId] = Field(
+    deleted: list[Id] = Field(
         min_length=1, max_length=MOST_SHAPES, description="The ids of the shapes that the merge deleted."
     )
 

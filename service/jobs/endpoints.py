@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response, UploadFile
 from fastapi.responses import StreamingResponse
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from service.collections.endpoints import InCollection, address
@@ -21,7 +21,7 @@ from service.jobs.runner import Runner
 from service.jobs.schemas import Job, JobFilePage, JobPage, Outcome
 from service.jobs.zip_archive import check_zip, shown
 from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
-from service.shapes.fields import base_name, clean_id
+from service.shapes.fields import Id, base_name
 from service.shapes.schemas import read_cursor
 from service.turns import current_client
 
@@ -54,7 +54,7 @@ RECONNECT_MILLISECONDS = 2000
 
 router = APIRouter(tags=["jobs"])
 
-JobId = Annotated[str, AfterValidator(clean_id), Path(description="The id of a job.", max_length=64)]
+JobId = Annotated[Id, Path(description="The id of a job.")]
 
 
 def _runner(request: Request) -> Runner:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.arrays import Floats
@@ -54,7 +54,7 @@ from service.search.transfers import answer_of, landmarks_of, wanted_of
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import ENDINGS_IN_WORDS
-from service.shapes.fields import base_name, clean_id
+from service.shapes.fields import Id, base_name
 from service.storage.database import ReadSession
 from service.web.endpoints import viewing_page
 
@@ -66,7 +66,7 @@ PICTURE_SIZE = 512
 """Height of the picture of a comparison, in pixels."""
 
 IdOrFile = Annotated[
-    UploadFile | Annotated[str, AfterValidator(clean_id), Field(max_length=64)],
+    UploadFile | Id,
     Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
 ]
 

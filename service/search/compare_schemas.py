@@ -1,12 +1,12 @@
 """Comparisons of two shapes as JSON, and dense correspondences."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from service.search.schemas import PAIR, PIPELINE, Pair, PairScores
 from service.search.transfer_schemas import TRANSFER, Landmarks, Transfer, TransferAnswer
-from service.shapes.fields import clean_id
+from service.shapes.fields import Id
 from service.shapes.schemas import SHAPE
 
 if TYPE_CHECKING:
@@ -121,10 +121,8 @@ class CompareRequest(BaseModel):
         },
     )
 
-    first: Annotated[str, AfterValidator(clean_id)] = Field(description="The id of a shape.", max_length=64)
-    second: Annotated[str, AfterValidator(clean_id)] = Field(
-        description="The id of another shape, or of the same one.", max_length=64
-    )
+    first: Id = Field(description="The id of a shape.")
+    second: Id = Field(description="The id of another shape, or of the same one.")
     dense: bool | None = Field(default=None, description=DENSE)
     landmarks: Landmarks | None = None
     transfer: Transfer | None = Field(default=None, description=TRANSFER)

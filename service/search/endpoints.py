@@ -5,7 +5,7 @@ from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from pydantic import AfterValidator, ConfigDict, Field
+from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from core.io import format_of
@@ -30,7 +30,7 @@ from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, Query
 from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
 from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import MeshUpload, ShapeId
-from service.shapes.fields import Tags, clean_id
+from service.shapes.fields import Id, Tags
 from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
@@ -52,9 +52,7 @@ class StoredQuery(SearchOptions):
 
     model_config = ConfigDict(json_schema_extra={"example": {"shape_id": SHAPE["id"], "top_k": 3}})
 
-    shape_id: Annotated[str, AfterValidator(clean_id)] = Field(
-        description="The id of the shape to search with.", max_length=64
-    )
+    shape_id: Id = Field(description="The id of the shape to search with.")
 
 
 class BatchQuery(SearchOptions):
@@ -63,7 +61,7 @@ class BatchQuery(SearchOptions):
     model_config = ConfigDict(json_schema_extra={"example": {"shape_ids": [SHAPE["id"]], "top_k": 3}})
 
     tag: Tags = Field(default=[], description="Only shapes with all these tags.")
-    shape_ids: list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]] = Field(
+    shape_ids: list[Id] = Field(
         min_length=1, max_length=BATCH, description="The ids of the shapes to search with."
     )
 

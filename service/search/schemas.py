@@ -7,13 +7,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
 from service.collection import CollectionNumber
 from service.search.local_difference import LocalDifference
 from service.search.part_instances import PartInstances
-from service.shapes.fields import clean_id, split_tags
+from service.shapes.fields import Id, split_tags
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh, Shape
 
@@ -123,11 +123,7 @@ def _split(value: object) -> object:
     return value
 
 
-Excluded = Annotated[
-    list[Annotated[str, AfterValidator(clean_id), Field(max_length=64)]],
-    BeforeValidator(_split),
-    Field(max_length=EXCLUDED),
-]
+Excluded = Annotated[list[Id], BeforeValidator(_split), Field(max_length=EXCLUDED)]
 
 
 class SearchOptions(Filters):

@@ -38,10 +38,10 @@ from service.shapes.fields import (
     METADATA_KEYS,
     TAG_CHARACTERS,
     TAGS,
+    Id,
     ListedTags,
     Metadata,
     base_name,
-    clean_id,
     clean_name,
 )
 from service.shapes.records import NewShape, Sort
@@ -136,10 +136,7 @@ router = APIRouter(tags=["shapes"])
 
 SHAPE = RequestBody(ShapeUpload)
 
-ShapeId = Annotated[
-    str, AfterValidator(clean_id), Path(description="The id of a stored shape.", max_length=64)
-]
-
+ShapeId = Annotated[Id, Path(description="The id of a stored shape.")]
 
 NamedKey = Annotated[
     str | None,

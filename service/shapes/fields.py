@@ -114,6 +114,9 @@ def _listed(value: object) -> object:
     return value
 
 
+Id = Annotated[str, AfterValidator(clean_id), Field(max_length=64)]
+"""An id in a request."""
+
 Name = Annotated[
     str,
     AfterValidator(clean_name),

@@ -4,7 +4,7 @@ from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
 from service.auth.gate import SOURCES
 from service.collections.endpoints import InCollection, address
@@ -12,7 +12,7 @@ from service.container import Service
 from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import once_each
 from service.shapes.endpoints import PageOptions
-from service.shapes.fields import clean_id
+from service.shapes.fields import Id
 from service.shapes.schemas import read_cursor
 from service.sources import service
 from service.sources.scanner import Scanner
@@ -20,7 +20,7 @@ from service.sources.schemas import FileState, NewRules, NewSource, Source, Sour
 
 router = APIRouter(tags=["sources"])
 
-SourceId = Annotated[str, AfterValidator(clean_id), Path(description="The id of a source.", max_length=64)]
+SourceId = Annotated[Id, Path(description="The id of a source.")]
 
 
 def _scanner(request: Request) -> Scanner:
