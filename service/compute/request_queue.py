@@ -4,7 +4,7 @@ Executors do the work: processes on this machine, or a Dask cluster.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
@@ -157,6 +157,16 @@ async def together(works: Iterable[Coroutine[Any, Any, Result]]) -> list[Result]
     for task in done:
         task.result()
     return [task.result() for task in tasks]
+
+
+async def whole(work: Awaitable[Result]) -> Result:
+    """Return the result of work in a thread; a cancellation waits for its end: it may use the database."""
+    task = asyncio.ensure_future(work)
+    try:
+        return await asyncio.shield(task)
+    except asyncio.CancelledError:
+        await asyncio.wait([task])
+        raise
 
 
 @dataclass(eq=False)

@@ -10,16 +10,16 @@ import asyncio
 import time
 import uuid
 from collections import Counter
-from collections.abc import Coroutine, Iterator
+from collections.abc import Iterator
 from contextlib import AsyncExitStack, closing, contextmanager, suppress
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn
 
 from starlette.concurrency import run_in_threadpool
 
 from core.errors import CoreError
 from core.io import format_of
 from service.collection import CollectionNumber
-from service.compute.request_queue import together
+from service.compute.request_queue import together, whole
 from service.container import Container
 from service.errors import (
     PROBLEMS,
@@ -48,8 +48,6 @@ from service.turns import Turns, current_client
 
 log = get_logger("jobs")
 
-Result = TypeVar("Result")
-
 # Interval at which the runner looks for jobs of dead services and for records to delete.
 LOOK_SECONDS = 2.0
 IDLE_SECONDS = 10.0
@@ -71,16 +69,6 @@ OWN_FAULTS = (StorageFullError, StorageUnavailableError, PipelineUnavailableErro
 # The number of unexpected failures after which a job is ended.
 FAULTS = 3
 UNFORESEEN = ServiceError(PROBLEMS[ServiceError.kind].title)
-
-
-async def _ended(work: Coroutine[Any, Any, Result]) -> Result:
-    """Return the result of work in a thread; a cancellation waits for its end."""
-    task = asyncio.ensure_future(work)
-    try:
-        return await asyncio.shield(task)
-    except asyncio.CancelledError:
-        await asyncio.wait([task])
-        raise
 
 
 class Runner:
@@ -228,7 +216,7 @@ class Runner:
             async with AsyncExitStack() as stack:
                 async with turn:
                     await stack.enter_async_context(self._members.turn())
-                    taken = await _ended(run_in_threadpool(next, members, None))
+                    taken = await whole(run_in_threadpool(next, members, None))
                 if taken is None:
                     return
                 file, data = taken

@@ -5,10 +5,10 @@ caches lack from it. The cache warmer fills the caches at the start, and as shap
 """
 
 import asyncio
-from collections.abc import Awaitable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from time import monotonic
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from starlette.concurrency import run_in_threadpool
@@ -20,6 +20,7 @@ from core.matching.match_records import match_record
 from core.ranking.local_density import density_sample
 from core.serialization import descriptors_from_bytes, embedding_from_bytes, points_in
 from service.collection import CollectionNumber
+from service.compute.request_queue import whole
 from service.compute.tasks import example_records, warm_comparing
 from service.container import Container
 from service.errors import ServiceError
@@ -32,8 +33,6 @@ from service.search.signature_index import signature_index
 from service.storage.database import ReadSession
 
 log = get_logger("search")
-
-Done = TypeVar("Done")
 
 KEPT_RECORDS = 512
 """Most embedding records that a query keeps, of 30 to 70 kB each."""
@@ -175,7 +174,7 @@ class CacheWarmer:
         while True:
             # After any other error, queries are answered without a warm cache.
             try:
-                active_pipeline, points, records = await _whole(run_in_threadpool(self._missing))
+                active_pipeline, points, records = await whole(run_in_threadpool(self._missing))
                 for fill, numbers, length in (
                     (self._put_points, points, POINTS_AT_ONCE),
                     (self._put_records, records, RECORDS_AT_ONCE),
@@ -183,7 +182,7 @@ class CacheWarmer:
                     for start in range(0, len(numbers), length):
                         await self._container.searches.until_idle()
                         batch = numbers[start : start + length]
-                        await _whole(run_in_threadpool(fill, active_pipeline, batch))
+                        await whole(run_in_threadpool(fill, active_pipeline, batch))
                         if monotonic() > latest:
                             ready.set()
                 ready.set()
@@ -202,10 +201,10 @@ class CacheWarmer:
                 # Requests report a lost worker and unreachable storage.
                 with suppress(ServiceError):
                     reading = self._container.database.reading(self._container.pipelines.current)
-                    active_pipeline = await _whole(reading)
+                    active_pipeline = await whole(reading)
                     parameters = active_pipeline.pipeline.parameters
                     records = await self._container.queue.do(example_records, parameters)
-                    await _whole(run_in_threadpool(warm_comparing, records, parameters))
+                    await whole(run_in_threadpool(warm_comparing, records, parameters))
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
 
@@ -248,13 +247,3 @@ class CacheWarmer:
     def _put_records(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
         records, _ = CandidateReader(self._container, active_pipeline).match_records(numbers)
         self._unusable.update(number for number in numbers if number not in records)
-
-
-async def _whole(work: Awaitable[Done]) -> Done:
-    """Return the result of a thread, waited for even after a cancellation: it may be reading the database."""
-    begun = asyncio.ensure_future(work)
-    try:
-        return await asyncio.shield(begun)
-    except asyncio.CancelledError:
-        await asyncio.wait([begun])
-        raise

@@ -18,9 +18,9 @@ from sqlalchemy import select, update
 from starlette.concurrency import run_in_threadpool
 
 from service.collection import DEFAULT_COLLECTION
-from service.compute import sandbox
+from service.compute import request_queue, sandbox
 from service.errors import StorageFullError, StorageUnavailableError, WorkerLostError
-from service.jobs import endpoints, runner
+from service.jobs import endpoints
 from service.jobs import service as jobs_service
 from service.jobs.zip_archive import ArchiveTooLargeError, ZipArchive
 from service.settings import Settings
@@ -436,7 +436,7 @@ def test_a_cancellation_waits_for_the_reading_of_a_member() -> None:
         ended_reading.set()
 
     async def cancelled() -> None:
-        reading = asyncio.create_task(runner._ended(run_in_threadpool(read)))
+        reading = asyncio.create_task(request_queue.whole(run_in_threadpool(read)))
         await asyncio.sleep(0)
         reading.cancel()
         asyncio.get_running_loop().call_later(0.05, go_on.set)
