@@ -22,7 +22,7 @@ from sqlalchemy import (
     UniqueConstraint,
     text,
 )
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy.orm import DeclarativeBase, Mapped, MappedColumn, mapped_column
 
 from service.storage.checksums import LENGTH
 from service.storage.columns import AnyText, Number, UtcDateTime, Vector
@@ -37,6 +37,12 @@ class Table(DeclarativeBase):
     """Base of every table."""
 
     type_annotation_map: ClassVar = {int: Number}
+
+
+def _key_of(table: str) -> MappedColumn[int]:
+    """Return a column of a primary key: the number of a row of another table, with which its row goes."""
+    owner = ForeignKey(f"{table}.number", ondelete="CASCADE")
+    return mapped_column(owner, primary_key=True, autoincrement=False)
 
 
 class CollectionRow(Table):
@@ -115,9 +121,7 @@ class TagRow(Table):
     __tablename__ = "shape_tags"
     __table_args__ = (Index("shapes_by_tag", "tag", "shape_number"),)
 
-    shape_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
-    )
+    shape_number: Mapped[int] = _key_of("shapes")
     tag: Mapped[str] = mapped_column(String(64), primary_key=True)
     position: Mapped[int]
 
@@ -132,9 +136,7 @@ class MetadataRow(Table):
         Index("shapes_by_metadata_value", "value", postgresql_using="hash").ddl_if(dialect="postgresql"),
     )
 
-    shape_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True
-    )
+    shape_number: Mapped[int] = _key_of("shapes")
     key: Mapped[str] = mapped_column(AnyText, primary_key=True)
     value: Mapped[str] = mapped_column(AnyText)
 
@@ -209,9 +211,7 @@ class CoarseSamplesRow(Table):
 
     __tablename__ = "coarse_samples"
 
-    embedding_number: Mapped[int] = mapped_column(
-        ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    embedding_number: Mapped[int] = _key_of("embeddings")
     data: Mapped[bytes] = mapped_column(LargeBinary)
     signature: Mapped[bytes] = mapped_column(LargeBinary)
     view_signature: Mapped[NDArray[np.uint8]] = mapped_column(Vector("u1"))
@@ -229,9 +229,7 @@ class PieceRow(Table):
     __tablename__ = "pieces"
     __table_args__ = (Index("pieces_by_size", "size"),)
 
-    embedding_number: Mapped[int] = mapped_column(
-        ForeignKey("embeddings.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    embedding_number: Mapped[int] = _key_of("embeddings")
     place: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     size: Mapped[float]
     pieces: Mapped[int]
@@ -266,9 +264,7 @@ class IdempotencyKeyRow(Table):
 
     __tablename__ = "idempotency_keys"
 
-    collection_number: Mapped[int] = mapped_column(
-        ForeignKey("collections.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    collection_number: Mapped[int] = _key_of("collections")
     scope: Mapped[str] = mapped_column(String(64), primary_key=True)
     key: Mapped[str] = mapped_column(String(255), primary_key=True)
     payload: Mapped[str] = mapped_column(String(64))
@@ -297,7 +293,7 @@ class ThumbnailRow(Table):
 
     __tablename__ = "thumbnails"
 
-    blob_number: Mapped[int] = mapped_column(ForeignKey("blobs.number", ondelete="CASCADE"), primary_key=True)
+    blob_number: Mapped[int] = _key_of("blobs")
     format: Mapped[str] = mapped_column(String(8), primary_key=True)
     size: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     drawing: Mapped[int]
@@ -316,12 +312,8 @@ class DuplicatePairRow(Table):
     __tablename__ = "duplicate_pairs"
     __table_args__ = (Index("duplicate_pairs_by_second", "second_number"),)
 
-    first_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
-    second_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    first_number: Mapped[int] = _key_of("shapes")
+    second_number: Mapped[int] = _key_of("shapes")
     fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
     cc: Mapped[float]
     residual: Mapped[float]
@@ -388,9 +380,7 @@ class NeighboursRow(Table):
 
     __tablename__ = "neighbours"
 
-    shape_number: Mapped[int] = mapped_column(
-        ForeignKey("shapes.number", ondelete="CASCADE"), primary_key=True, autoincrement=False
-    )
+    shape_number: Mapped[int] = _key_of("shapes")
     fingerprint: Mapped[str] = mapped_column(String(16), primary_key=True)
     data: Mapped[bytes] = mapped_column(LargeBinary)
     checksum: Mapped[str] = mapped_column(String(LENGTH))
@@ -436,7 +426,7 @@ class JobFileRow(Table):
     __tablename__ = "job_files"
     __table_args__ = (Index("job_files_by_outcome", "job_number", "outcome", "position"),)
 
-    job_number: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
+    job_number: Mapped[int] = _key_of("jobs")
     position: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     path: Mapped[str] = mapped_column(String(1024))
     name: Mapped[str] = mapped_column(String(1024))
