@@ -137,9 +137,8 @@ async def confirm_source(
     source_id: SourceId, container: Service, scanner: InScanner, collection: InCollection
 ) -> Source:
     """Scan a source that is offline, and have the files missing that its folder lacks, however many."""
-    source = await container.database.writing(
-        partial(service.ask_for_scan, confirmed=True), collection.number, source_id
-    )
+    ask = container.database.writing
+    source = await ask(service.ask_for_scan, collection.number, source_id, confirmed=True)
     scanner.look()
     return source
 
