@@ -16,12 +16,13 @@ from service.duplicates.decision_schemas import (
     MergeUndo,
     Rule,
 )
+from service.duplicates.endpoints import JUDGING_PROBLEMS
 from service.http.middleware import KEY_IN_SCOPE, while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import once_each
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
-from service.shapes.endpoints import PageOptions
+from service.shapes.endpoints import RESTORE_PROBLEMS, PageOptions
 from service.shapes.fields import Id
 from service.shapes.schemas import Shape, read_cursor
 
@@ -97,12 +98,7 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
     "/duplicates/merge/undo",
     summary="Undo a merge",
     responses=documented(
-        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}),
-        "shape-not-found",
-        "file-in-place",
-        "name-taken",
-        "pipeline-unavailable",
-        *WRITE_PROBLEMS,
+        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}), *RESTORE_PROBLEMS
     ),
 )
 async def undo_merge(
@@ -120,17 +116,7 @@ async def undo_merge(
 @router.post(
     "/duplicates/rule",
     summary="Decide or merge by a rule",
-    responses=documented(
-        *WRITE_PROBLEMS,
-        *(
-            "busy",
-            "shutting-down",
-            "worker-lost",
-            "cluster-unavailable",
-            "time-limit",
-            "pipeline-unavailable",
-        ),
-    ),
+    responses=documented(*JUDGING_PROBLEMS, *WRITE_PROBLEMS),
 )
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them."""

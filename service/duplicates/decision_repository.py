@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from sqlalchemy import delete, func, insert, select, tuple_
 
 from service.collection import CollectionNumber
-from service.duplicates.records import Decision, DecisionRecord, Pair
+from service.duplicates.decision_schemas import DecidedPair, DecidedSide
+from service.duplicates.records import Decision, Pair
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import NOT_DELETED, BlobRow, DuplicateDecisionRow, ShapeRow
 
@@ -59,8 +60,8 @@ def hashes(session: ReadSession, shapes: Iterable[int]) -> dict[int, str]:
 
 def page(
     session: ReadSession, collection: CollectionNumber, *, after: int, limit: int
-) -> list[DecisionRecord]:
-    """Return the next `limit` decisions of a collection, the oldest first."""
+) -> list[tuple[int, DecidedPair]]:
+    """Return the next `limit` decisions of a collection by number, the oldest first."""
     row = DuplicateDecisionRow
     query = select(row).where(row.collection_number == collection, row.number > after)
     rows = session.scalars(query.order_by(row.number).limit(limit)).all()
@@ -74,16 +75,19 @@ def page(
     shapes: dict[str, dict[str, str]] = {}
     for sha256, shape_id, name in session.execute(named):
         shapes.setdefault(sha256, {})[shape_id] = name
+    sides = {sha256: DecidedSide(sha256=sha256, shapes=shapes.get(sha256, {})) for sha256 in wanted}
     return [
-        DecisionRecord(
+        (
             each.number,
-            each.id,
-            (each.first_sha256, each.second_sha256),
-            each.decision,
-            each.decided_by,
-            each.reason,
-            each.decided_at,
-            (shapes.get(each.first_sha256, {}), shapes.get(each.second_sha256, {})),
+            DecidedPair(
+                id=each.id,
+                decision=each.decision,
+                decided_by=each.decided_by,
+                reason=each.reason,
+                decided_at=each.decided_at,
+                first=sides[each.first_sha256],
+                second=sides[each.second_sha256],
+            ),
         )
         for each in rows
     ]

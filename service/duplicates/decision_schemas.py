@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
-from service.duplicates.records import Decision, DecisionRecord
+from service.duplicates.records import Decision
 from service.shapes.fields import Id, Metadata, Tags, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
 
@@ -90,18 +90,6 @@ class DecidedPair(BaseModel):
     decided_at: datetime
     first: DecidedSide
     second: DecidedSide
-
-    @classmethod
-    def of(cls, record: DecisionRecord) -> "DecidedPair":
-        """Return the JSON of a decision."""
-        first, second = (
-            DecidedSide(sha256=sha256, shapes=dict(shapes))
-            for sha256, shapes in zip(record.pair, record.shapes, strict=True)
-        )
-        fields = {
-            name: getattr(record, name) for name in ("id", "decision", "decided_by", "reason", "decided_at")
-        }
-        return cls(**fields, first=first, second=second)
 
 
 class DecisionPage(Page):

@@ -10,7 +10,6 @@ from service.container import Container
 from service.duplicates import decision_repository, service
 from service.duplicates.decision_schemas import (
     Decided,
-    DecidedPair,
     DecisionPage,
     GroupDecision,
     MergedShape,
@@ -24,7 +23,6 @@ from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
-from service.shapes.fields import clean_metadata, clean_tags
 from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape, ShapeChanges, write_cursor
 from service.storage.database import ReadSession, WriteSession
@@ -68,9 +66,9 @@ def list_decisions(
     """Return one page of the decided pairs of a collection."""
     rows = decision_repository.page(session, collection, after=after, limit=limit + 1)
     return DecisionPage(
-        decisions=[DecidedPair.of(record) for record in rows[:limit]],
+        decisions=[decided for _, decided in rows[:limit]],
         total=decision_repository.count(session, collection),
-        next_cursor=write_cursor(rows[limit - 1].number) if len(rows) > limit else None,
+        next_cursor=write_cursor(rows[limit - 1][0]) if len(rows) > limit else None,
     )
 
 
@@ -152,16 +150,11 @@ def _kept(records: Sequence[ShapeRecord], keep: str) -> ShapeRecord:
 
 def _joined(kept: ShapeRecord, others: Sequence[ShapeRecord]) -> Mapping[str, Any]:
     """Return the fields of a shape that it gets from others, if any."""
-    tags = list(dict.fromkeys([*kept.tags, *(tag for record in others for tag in record.tags)]))
     metadata = dict(kept.metadata)
     for record in others:
         metadata |= {key: value for key, value in record.metadata.items() if key not in metadata}
-    joined: dict[str, Any] = {}
-    if tags != list(kept.tags):
-        joined["tags"] = shapes_service.within_limits("tags", clean_tags, tags)
-    if metadata.keys() != kept.metadata.keys():
-        joined["metadata"] = shapes_service.within_limits("metadata", clean_metadata, metadata)
-    return joined
+    tags = [*kept.tags, *(tag for record in others for tag in record.tags)]
+    return shapes_service.changed_fields(kept, tags, metadata)
 
 
 async def apply_rule(

@@ -12,7 +12,7 @@ from service.duplicates import service
 from service.duplicates.groups import Counted, Search
 from service.duplicates.schemas import DuplicatesAnswer
 from service.http.middleware import while_connected
-from service.http.problems import documented
+from service.http.problems import READ_PROBLEMS, documented
 from service.http.request_bodies import once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
@@ -20,6 +20,10 @@ from service.search.answer import with_active_pipeline
 from service.shapes.schemas import Filters
 
 MEDIA_TYPE = "text/csv"
+
+JUDGING_PROBLEMS = (
+    *("busy", "shutting-down", "worker-lost", "cluster-unavailable", "time-limit", "pipeline-unavailable"),
+)
 
 router = APIRouter(tags=["search"])
 
@@ -61,16 +65,7 @@ class DuplicatesOptions(NamedInAddress, Filters):
             "description": "The groups.",
             "content": {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}},
         },
-        **documented(
-            "bad-request-fields",
-            "busy",
-            "shutting-down",
-            "worker-lost",
-            "cluster-unavailable",
-            "time-limit",
-            "pipeline-unavailable",
-            "storage-unavailable",
-        ),
+        **documented(*JUDGING_PROBLEMS, *READ_PROBLEMS),
     },
 )
 async def duplicates(

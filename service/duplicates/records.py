@@ -1,8 +1,5 @@
-"""Decisions between storage, service and endpoints."""
+"""Decisions and the pairs that they are on."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime
 from typing import Literal
 
 Decision = Literal["same", "variant", "different", "ignore"]
@@ -15,17 +12,3 @@ Pair = tuple[str, str]
 def pair_of(first: str, second: str) -> Pair:
     """Return the pair of two SHA-256."""
     return min(first, second), max(first, second)
-
-
-@dataclass(frozen=True)
-class DecisionRecord:
-    """A decision on a pair of files, and the names by id of the stored shapes that have them."""
-
-    number: int
-    id: str
-    pair: Pair
-    decision: Decision
-    decided_by: str | None
-    reason: str
-    decided_at: datetime
-    shapes: tuple[Mapping[str, str], Mapping[str, str]] = ({}, {})

@@ -1,13 +1,11 @@
 """Changes to all shapes that pass a filter, a few in each transaction."""
 
-import json
 from typing import Any
 
 from service.collection import CollectionNumber
 from service.errors import BadRequestFieldsError, NameTakenError, ServiceError
 from service.shapes import repository, service
 from service.shapes.bulk_schemas import REFUSED, BulkChange, BulkChanged, Refused
-from service.shapes.fields import clean_metadata, clean_tags
 from service.shapes.records import ShapeFilter, ShapeRecord
 from service.shapes.schemas import ShapeChanges
 from service.storage.database import ReadSession, WriteSession
@@ -63,16 +61,8 @@ def _changes(record: ShapeRecord, wanted: BulkChange) -> dict[str, Any]:
         They would be more than a shape may have.
     """
     kept = [tag for tag in record.tags if tag not in wanted.remove_tags]
-    tags = list(dict.fromkeys([*kept, *wanted.add_tags]))
     metadata = {key: value for key, value in record.metadata.items() if key not in wanted.remove_metadata}
-    metadata |= wanted.set_metadata
-    changes: dict[str, Any] = {}
-    if tags != list(record.tags):
-        changes["tags"] = service.within_limits("tags", clean_tags, tags)
-    # Python takes 1 and true for equal.
-    if json.dumps(metadata) != json.dumps(record.metadata):
-        changes["metadata"] = service.within_limits("metadata", clean_metadata, metadata)
-    return changes
+    return service.changed_fields(record, [*kept, *wanted.add_tags], metadata | wanted.set_metadata)
 
 
 def _refuse(report: BulkChanged, record: ShapeRecord, error: ServiceError) -> None:

@@ -132,6 +132,8 @@ class ShapeUpload(Replacement):
     )
 
 
+RESTORE_PROBLEMS = ("shape-not-found", "file-in-place", "name-taken", "pipeline-unavailable", *WRITE_PROBLEMS)
+
 router = APIRouter(tags=["shapes"])
 
 SHAPE = RequestBody(ShapeUpload)
@@ -408,14 +410,7 @@ def delete_shape(
 @router.post(
     "/shapes/{shape_id}/restore",
     summary="Restore a deleted shape",
-    responses=documented(
-        *FILE_PROBLEMS,
-        "shape-not-found",
-        "file-in-place",
-        "name-taken",
-        "pipeline-unavailable",
-        *WRITE_PROBLEMS,
-    ),
+    responses=documented(*FILE_PROBLEMS, *RESTORE_PROBLEMS),
 )
 async def restore_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection

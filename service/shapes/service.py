@@ -6,7 +6,7 @@ deleted shape.
 
 import asyncio
 import json
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
 
@@ -378,18 +378,28 @@ def merged_fields(present: ShapeRecord, new: NewShape) -> dict[str, Any]:
     BadRequestFieldsError
         Both together are more than a shape may have.
     """
-    tags = list(dict.fromkeys([*present.tags, *new.tags]))
-    metadata = {**present.metadata, **new.metadata}
+    return changed_fields(present, [*present.tags, *new.tags], {**present.metadata, **new.metadata})
+
+
+def changed_fields(record: ShapeRecord, tags: Iterable[str], metadata: dict[str, Any]) -> dict[str, Any]:
+    """Return those of some new `tags`, each once, and `metadata` that a shape does not have.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        They are more than a shape may have.
+    """
+    distinct = list(dict.fromkeys(tags))
     fields: dict[str, Any] = {}
-    if tags != list(present.tags):
-        fields["tags"] = within_limits("tags", clean_tags, tags)
+    if distinct != list(record.tags):
+        fields["tags"] = _within_limits("tags", clean_tags, distinct)
     # Python takes 1 and true for equal.
-    if json.dumps(metadata) != json.dumps(present.metadata):
-        fields["metadata"] = within_limits("metadata", clean_metadata, metadata)
+    if json.dumps(metadata) != json.dumps(record.metadata):
+        fields["metadata"] = _within_limits("metadata", clean_metadata, metadata)
     return fields
 
 
-def within_limits(field: str, clean: Callable[[T], T], value: T) -> T:
+def _within_limits(field: str, clean: Callable[[T], T], value: T) -> T:
     """Return a joined field as `clean` returns it; raise BadRequestFieldsError if it refuses the field."""
     try:
         return clean(value)
