@@ -4,6 +4,7 @@ Executors do the work: processes on this machine, or a Dask cluster.
 """
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
 from contextlib import asynccontextmanager, contextmanager, suppress
@@ -111,6 +112,9 @@ def _log_confinement(answer: "Future[dict[str, bool]]") -> None:
 
 log = get_logger("compute")
 
+PATIENCE_SECONDS, ROOM_SECONDS = 5.0, 0.02
+"""The longest wait of work beside requests for a worker, and the time between two looks."""
+
 Arguments = TypeVarTuple("Arguments")
 Result = TypeVar("Result")
 
@@ -211,6 +215,17 @@ class RequestQueue:
     def inside(self) -> int:
         """The number of requests that are at work or wait."""
         return self._requests.inside
+
+    async def until_spare(self, active: Callable[[], int], own: Callable[[], int]) -> None:
+        """Wait for a worker that no request needs, nor the `active` files of the caller.
+
+        Requests have priority, but who has no `own` file at work waits no longer than `PATIENCE_SECONDS`.
+        """
+        since = time.monotonic()
+        while self.inside + active() >= self.workers:
+            if not own() and time.monotonic() - since > PATIENCE_SECONDS:
+                return
+            await asyncio.sleep(ROOM_SECONDS)
 
     @asynccontextmanager
     async def admitted(self, request: Request) -> AsyncIterator[None]:

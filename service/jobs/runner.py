@@ -7,7 +7,6 @@ member has both or neither, and the next service continues with the members with
 """
 
 import asyncio
-import time
 import uuid
 from collections import Counter
 from collections.abc import Iterator
@@ -54,12 +53,9 @@ IDLE_SECONDS = 10.0
 BEAT_SECONDS = LEASE.total_seconds() / 4
 # The wait after an internal error; the member is not refused.
 PAUSES = (1.0, 2.0, 5.0, 10.0, 30.0)
-ROOM_SECONDS = 0.02
 # The most archives of one client that are received at a time: they occupy the temporary folder until they are
 # stored.
 ARRIVING = 2
-# Requests have priority, but the jobs of a client wait no longer than this.
-PATIENCE_SECONDS = 5.0
 # Lack of memory, rather than the file, may have killed a worker.
 TRIES = 2
 
@@ -223,7 +219,7 @@ class Runner:
                 if not isinstance(data, bytes):
                     await self._database.writing(repository.settle, file, "refused", fault=data)
                     continue
-                await self._wait_for_worker(job.client)
+                await self._container.queue.until_spare(self._active.total, lambda: self._active[job.client])
                 self._active[job.client] += 1
                 try:
                     await self._store(job, file, data)
@@ -258,14 +254,6 @@ class Runner:
             if tries_left:
                 await asyncio.sleep(PAUSES[0])
         await self._database.writing(repository.settle, file, "refused", fault=fault)
-
-    async def _wait_for_worker(self, client: str) -> None:
-        """Wait for a worker that no request needs."""
-        since = time.monotonic()
-        while self._container.queue.inside + self.active_members >= self._container.settings.workers:
-            if not self._active[client] and time.monotonic() - since > PATIENCE_SECONDS:
-                return
-            await asyncio.sleep(ROOM_SECONDS)
 
     async def _renew_until_lost(self, job: JobRow) -> NoReturn:
         """Renew the lease of a job; JobLostError ends this."""

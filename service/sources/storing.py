@@ -1,7 +1,6 @@
 """Storing a file of a source: as a shape, as another path of one, or with the reason why it has none."""
 
 import asyncio
-import time
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -42,9 +41,6 @@ from service.storage.tables import SourceRow
 
 # The size of the pictures in lists.
 PICTURE_PIXELS = 256
-# Requests have priority, but a file waits no longer than this for a worker.
-PATIENCE_SECONDS = 5.0
-ROOM_SECONDS = 0.02
 # Lack of memory, rather than the file, may have killed a worker.
 TRIES = 2
 # Errors that the file causes.
@@ -69,11 +65,7 @@ class Places:
     @asynccontextmanager
     async def worker(self) -> AsyncIterator[None]:
         """Wait for a worker that no request needs, and count it until the end of the block."""
-        queue, since = self._container.queue, time.monotonic()
-        while queue.inside + self._active >= self._container.settings.workers:
-            if not self._active and time.monotonic() - since > PATIENCE_SECONDS:
-                break
-            await asyncio.sleep(ROOM_SECONDS)
+        await self._container.queue.until_spare(lambda: self._active, lambda: self._active)
         self._active += 1
         try:
             yield

@@ -7,7 +7,8 @@ import httpx
 import pytest
 
 from service.auth.keys import digest_of
-from service.jobs import endpoints, runner
+from service.compute import request_queue
+from service.jobs import endpoints
 from service.shapes import service as shapes_service
 from tests.service.jobs.support import begun, ended, has_stored, job, pack, send
 from tests.service.support import Running, assert_problem, module_service, small_file, wait_until
@@ -38,7 +39,7 @@ def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
 
     monkeypatch.setattr(shapes_service, "_store", wait_and_store)
     # Jobs wait no longer for workers that requests need.
-    monkeypatch.setattr(runner, "PATIENCE_SECONDS", 0.1)
+    monkeypatch.setattr(request_queue, "PATIENCE_SECONDS", 0.1)
     yield go_on
     go_on.set()
 
