@@ -40,3 +40,12 @@ def chair(legs=4):
     for i, j in ((0, 0), (0, 9), (10, 0), (10, 9))[:legs]:
         filled[i : i + 2, j : j + 2, :10] = True
     return solid(filled)
+
+
+def bent_chair():
+    """A chair with one leg bent outwards."""
+    whole = chair()
+    points = whole.vertices.copy()
+    leg = (points[:, 0] > 0.95) & (points[:, 1] > 0.85) & (points[:, 2] < 0.95)
+    points[leg, 0] += 0.6 * (1.0 - points[leg, 2])
+    return Mesh(points, whole.faces)

@@ -9,7 +9,7 @@ from core.ranking.likeness import BENT
 from core.registration.probed_surface import probed_surface
 from core.registration.rigid_alignment import rigid_alignment
 from core.registration.similarity import Similarity
-from tests.core.dense.solids import chair
+from tests.core.dense.solids import bent_chair, chair
 from tests.core.shapes import scaled, turned
 from tests.gallery import make_body
 
@@ -21,14 +21,6 @@ def aligned(first: Mesh, second: Mesh) -> Similarity | None:
     pairs = PIPELINE.match(one, other).correspondence
     ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
     return rigid_alignment(probed_surface(first), probed_surface(second), ends, BENT)
-
-
-def bent_chair() -> Mesh:
-    whole = chair()
-    points = whole.vertices.copy()
-    leg = (points[:, 0] > 0.95) & (points[:, 1] > 0.85) & (points[:, 2] < 0.95)
-    points[leg, 0] += 0.6 * (1.0 - points[leg, 2])
-    return Mesh(points, whole.faces)
 
 
 @pytest.mark.parametrize("size", [1.0, 25.4])

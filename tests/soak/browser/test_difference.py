@@ -10,7 +10,7 @@ from playwright.sync_api import Page, Route, expect
 
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
-from tests.core.dense.solids import chair, plate
+from tests.core.dense.solids import bent_chair, chair, plate
 from tests.core.shapes import scaled, turned
 from tests.service.support import Running
 from tests.soak.browser.support import Visit, drawn, file_in, next_frame, paint, pictures, settled
@@ -18,15 +18,6 @@ from tests.studies.machine_parts import Drawing
 from tests.studies.machine_parts import part as machine_part
 
 HOLES = [(4, 4), (22, 12)]
-
-
-def bent() -> Mesh:
-    """A chair with one leg bent outwards."""
-    whole = chair()
-    points = whole.vertices.copy()
-    leg = (points[:, 0] > 0.95) & (points[:, 1] > 0.85) & (points[:, 2] < 0.95)
-    points[leg, 0] += 0.6 * (1.0 - points[leg, 2])
-    return Mesh(points, whole.faces)
 
 
 def blue_and_orange(shown: np.ndarray) -> tuple[int, int]:
@@ -106,7 +97,7 @@ def test_a_hole_in_the_middle_of_large_triangles(asked: Callable[[Mesh, Mesh], P
 
 
 def test_a_bent_leg(asked: Callable[[Mesh, Mesh], Page]) -> None:
-    for shown in pictures(asked(chair(), bent())):
+    for shown in pictures(asked(chair(), bent_chair())):
         assert blue_and_orange(shown)[1] > 100
     page = asked(chair(), scaled(turned(chair(), 2), 25.4))
     assert sum(sum(blue_and_orange(shown)) for shown in pictures(page)) < 30
