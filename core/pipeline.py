@@ -129,14 +129,12 @@ class Pipeline:
             prepared = self._checked(first), self._checked(second)
             return self.matcher.candidates(*prepared, orientations, MAPS)
 
-    def correspond(
-        self, first: Mesh, second: Mesh, embeddings: tuple[Embedding, Embedding] | None = None
-    ) -> DenseCorrespondence:
+    def correspond(self, first: Mesh, second: Mesh) -> DenseCorrespondence:
         """Compute the vertex of the second mesh that corresponds to each vertex of the first.
 
         Parameters and errors are those of `correspond_both`.
         """
-        return self.correspond_both(first, second, embeddings)[0]
+        return self.correspond_both(first, second)[0]
 
     def correspond_both(
         self,
@@ -144,14 +142,12 @@ class Pipeline:
         second: Mesh,
         embeddings: tuple[Embedding, Embedding] | None = None,
         transform: Similarity | None = None,
-        *,
-        functions: int = FINE,
     ) -> tuple[DenseCorrespondence, DenseCorrespondence]:
         """Compute the dense correspondence from the first mesh to the second, and back.
 
         Parameters and errors are those of `surface_map`.
         """
-        return self.surface_map(first, second, embeddings, transform, functions=functions).correspondences()
+        return self.surface_map(first, second, embeddings, transform).correspondences()
 
     def surface_map(
         self,
