@@ -58,14 +58,19 @@ async def _chosen(
                 f"{HEADER} and the parameter name different collections: {', '.join(sorted(names))}",
             )
         )
-    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
-    name = allowed(None if grant is None else grant.collections, names.pop() if names else None)
+    name = allowed(limits_of(request), names.pop() if names else None)
 
     collection = DEFAULT_COLLECTION
     if name != DEFAULT_COLLECTION.name:
         collection = await container.database.reading(repository.get, name)
     request.scope[COLLECTION_IN_SCOPE] = collection.name
     return collection
+
+
+def limits_of(request: Request) -> frozenset[str] | None:
+    """Return the names of the collections that the key of a request may use; None allows all."""
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    return None if grant is None else grant.collections
 
 
 def allowed(limits: frozenset[str] | None, named: str | None) -> str:
@@ -107,8 +112,7 @@ def named_too(session: ReadSession, request: Request, name: str) -> CollectionRe
     CollectionNotFoundError, ForbiddenError
         There is none of the name, or the key may not use it.
     """
-    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
-    return repository.get(session, allowed(None if grant is None else grant.collections, name))
+    return repository.get(session, allowed(limits_of(request), name))
 
 
 def address(path: str, collection: CollectionRecord) -> str:
@@ -134,10 +138,8 @@ Name = Annotated[
 @router.get("/collections", summary="List collections", responses=documented("storage-unavailable"))
 def list_collections(request: Request, container: Service) -> Collections:
     """Return the collections that the key may use, by name, each with the number of its shapes."""
-    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
-    limits = None if grant is None else grant.collections
     with container.database.read() as session:
-        collections = repository.counted(session, limits)
+        collections = repository.counted(session, limits_of(request))
     return Collections(collections=[Collection.model_validate(each) for each in collections])
 
 

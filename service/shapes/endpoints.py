@@ -16,11 +16,10 @@ from pydantic import (
 )
 
 from core.io import FORMATS, format_of
-from service.auth.keys import Grant
-from service.collections.endpoints import InCollection, NamedInAddress, address, named_too
+from service.collections.endpoints import InCollection, NamedInAddress, address, limits_of, named_too
 from service.container import Container, Service
 from service.http.idempotency import HEADER, KEPT_TIME, REPLAYED, Claim, Kept, payload_of, read_key
-from service.http.middleware import GRANT_IN_SCOPE, KEY_IN_SCOPE, while_connected
+from service.http.middleware import KEY_IN_SCOPE, while_connected
 from service.http.problems import (
     FILE_PROBLEMS,
     IDEMPOTENCY_PROBLEMS,
@@ -317,9 +316,7 @@ def read_facets(
 
     With `tag_text`, the tags complete what somebody writes.
     """
-    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
-    names = None if grant is None else grant.collections
-    wanted = options.filtered(collection.number)
+    names, wanted = limits_of(request), options.filtered(collection.number)
     with container.database.read() as session:
         return facet_repository.facets(session, wanted, names, options.tag_text, options.limit)
 

@@ -12,11 +12,11 @@ from core.descriptors.registry import computed_descriptors
 from core.io import FORMATS
 from core.parameters import METHOD_VERSION
 from service.auth.gate import name_in, token_in
-from service.auth.keys import COOKIE, SECONDS, Grant
+from service.auth.keys import COOKIE, SECONDS
+from service.collections.endpoints import limits_of
 from service.compute.compilation import is_compiled
 from service.container import Service
 from service.errors import REEMBED, CompilingError, ServiceError
-from service.http.middleware import GRANT_IN_SCOPE
 from service.http.problems import documented, problem_response
 from service.system.schemas import VERSION, FileFormat, Health, PendingPipeline, Readiness, Version
 
@@ -82,11 +82,9 @@ def read_version(request: Request, container: Service) -> Version:
     Where the settings name another pipeline, `pending` tells of that one; but not to keys that are limited to
     collections, since it counts the files of all.
     """
-    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
-    limited = grant is not None and grant.collections is not None
     with container.database.read() as session:
         parameters = container.pipelines.current(session).pipeline.parameters
-        counts = None if limited else container.pipelines.pending(session)
+        counts = container.pipelines.pending(session) if limits_of(request) is None else None
     wanted, pending = container.pipelines.wanted, None
     if counts is not None:
         pending = PendingPipeline(
