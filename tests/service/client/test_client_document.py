@@ -21,21 +21,18 @@ from tests.service.support import document
 DOCUMENT = document()
 FILE = ("bird.off", b"OFF")
 SIZES = {"area": "1..2", "volume": "..3", "length": "4..", "file_format": "off"}
-LISTED = {"q": "w", "tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], "sort": "name", **SIZES}
+FILTERS = {"q": "w", "tag": ["a", "b"], "name": "x", "metadata": ["k=1", "l=2"], **SIZES}
+LISTED = {**FILTERS, "sort": "name"}
 SEARCH = {
     "top_k": 2,
     "rank_by": "sim",
     "partial": True,
     "exhaustive": True,
-    "q": "w",
-    "tag": ["a", "b"],
-    "name": "x",
-    "metadata": ["k=1"],
+    **FILTERS,
     "exclude": ["id"],
     "min_cc": 0.5,
     "scale": "respect",
     "size_tolerance": 0.2,
-    **SIZES,
     "exclude_self": False,
     "correspondences": True,
     "embedding": True,
@@ -51,12 +48,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("upload", (FILE,), {**STORED, "split": "parts"}, "POST /shapes"),
     ("page", (), {**LISTED, "limit": 7, "cursor": "c", "sha256": "0" * 64}, "GET /shapes"),
     ("shapes", (), {**LISTED, "sha256": "0" * 64}, "GET /shapes"),
-    (
-        "facets",
-        (),
-        {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES, "tag_text": "a", "limit": 7},
-        "GET /facets",
-    ),
+    ("facets", (), {**FILTERS, "tag_text": "a", "limit": 7}, "GET /facets"),
     ("shape", ("id",), {}, "GET /shapes/{shape_id}"),
     ("file", ("id",), {"format": "stl"}, "GET /shapes/{shape_id}/file"),
     ("embedding", ("id",), {}, "GET /shapes/{shape_id}/embedding"),
@@ -116,11 +108,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
             "mirrored": False,
             "variants": True,
             "decided": True,
-            "q": "w",
-            "tag": ["a"],
-            "name": "x",
-            "metadata": ["k=1"],
-            **SIZES,
+            **FILTERS,
         },
         "GET /duplicates",
     ),
@@ -131,13 +119,8 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("undo_merge", (MERGED,), {}, "POST /duplicates/merge/undo"),
     ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
-    (
-        "families",
-        (),
-        {"least_probability": 0.8, "q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES},
-        "GET /families",
-    ),
-    ("similarity_map", (), {"q": "w", "tag": ["a"], "name": "x", "metadata": ["k=1"], **SIZES}, "GET /map"),
+    ("families", (), {"least_probability": 0.8, **FILTERS}, "GET /families"),
+    ("similarity_map", (), FILTERS, "GET /map"),
     ("collections", (), {}, "GET /collections"),
     ("create_collection", ("a",), {}, "PUT /collections/{name}"),
     ("delete_collection", ("a",), {}, "DELETE /collections/{name}"),
