@@ -36,6 +36,13 @@ document = cache(openapi_document)
 """The OpenAPI document, made once for all tests."""
 
 
+@cache
+def operations() -> dict[tuple[str, str], dict[str, Any]]:
+    """The operations of the document, by method and path."""
+    paths = document()["paths"].items()
+    return {(method.upper(), path): each for path, methods in paths for method, each in methods.items()}
+
+
 @dataclass(frozen=True)
 class Running:
     """A service that answers, and its insides."""

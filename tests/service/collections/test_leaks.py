@@ -15,7 +15,7 @@ from tests.service.jobs.support import ended, pack
 from tests.service.support import (
     Running,
     assert_problem,
-    document,
+    operations,
     serving,
     settings_in,
     small_file,
@@ -43,11 +43,7 @@ WITHOUT = {
 }
 """Paths that have to do with no stored shape."""
 
-DOCUMENTED: dict[Operation, Any] = {
-    (method.upper(), path): operation
-    for path, operations in document()["paths"].items()
-    for method, operation in operations.items()
-}
+DOCUMENTED = operations()
 
 FOLDERS = gettempdir()
 

@@ -15,7 +15,7 @@ from service.search.schemas import QueryAnswer
 from service.settings import PREFIX
 from service.shapes.schemas import EmbeddingArrays, Shape, ShapePage
 from service.system.schemas import Health, Readiness, Version
-from tests.service.support import Running, document, pipeline_in_use
+from tests.service.support import Running, document, operations, pipeline_in_use
 
 FILE = Path(__file__).parents[3] / "openapi" / "openapi.json"
 MODELS = (
@@ -30,9 +30,7 @@ MODELS = (
     Version,
 )
 OPERATIONS = [
-    pytest.param(operation, id=f"{method} {path}")
-    for path, operations in document()["paths"].items()
-    for method, operation in operations.items()
+    pytest.param(operation, id=f"{method} {path}") for (method, path), operation in operations().items()
 ]
 
 
@@ -110,8 +108,7 @@ def test_the_service_tells_of_itself(shared: Running) -> None:
 
 
 def test_operations_have_ids_of_their_own_and_say_what_they_answer() -> None:
-    operations = [each for path in document()["paths"].values() for each in path.values()]
-    ids = [operation["operationId"] for operation in operations]
+    ids = [operation["operationId"] for operation in operations().values()]
     assert len(set(ids)) == len(ids)
     ready = document()["paths"]["/readyz"]["get"]["responses"]["200"]
     assert ready["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/Readiness"}

@@ -13,12 +13,10 @@ from service import errors as service_errors
 from service.errors import BY_STATUS, PROBLEMS
 from service.http.problem_document import TYPE_PREFIX
 from service.jobs import zip_archive
-from tests.service.support import Running, assert_problem, document, small_file, wait_until
+from tests.service.support import Running, assert_problem, document, operations, small_file, wait_until
 
 METHODS = {"GET", "POST", "PUT", "PATCH", "DELETE"}
-OPERATIONS = [
-    (method.upper(), path) for path, operations in document()["paths"].items() for method in operations
-]
+OPERATIONS = list(operations())
 
 
 def address(path: str) -> str:

@@ -15,7 +15,7 @@ from service.compute.pool import LocalPool
 from service.settings import Settings
 from service.system import endpoints
 from tests.core.shapes import icosphere
-from tests.service.support import Running, assert_problem, document, module_service
+from tests.service.support import Running, assert_problem, document, module_service, operations
 
 FULL, READ = "isoshape_full-key", "isoshape_read-key"
 KEYS = {"none": None, "wrong": "isoshape_wrong-key", "read": READ, "full": FULL}
@@ -34,11 +34,7 @@ OPEN = {
 # Beside GET and HEAD. Any other method changes something.
 READING = {("POST", path) for path in ("/query", "/query/batch", "/compare", "/preview", "/session")}
 
-DOCUMENTED = {
-    (method.upper(), path): operation
-    for path, operations in document()["paths"].items()
-    for method, operation in operations.items()
-}
+DOCUMENTED = operations()
 
 
 def routes_of(app: FastAPI) -> Iterator[tuple[str, str]]:
@@ -142,8 +138,7 @@ def test_a_page_with_a_rebound_name_is_refused(shared: Running, method: str, pat
 
 PARAMETERS = [
     pytest.param(method, path, parameter, id=f"{method} {path} {parameter['name']}")
-    for path, operations in document()["paths"].items()
-    for method, operation in operations.items()
+    for (method, path), operation in DOCUMENTED.items()
     for parameter in operation.get("parameters", [])
     if parameter["in"] == "query"
 ]

@@ -3,7 +3,7 @@
 import re
 import shutil
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from threading import Thread
@@ -13,20 +13,21 @@ import pytest
 from numpy.typing import NDArray
 
 from core.arrays import Floats
-from core.descriptors.registry import ShapeDescriptors, descriptors_of
+from core.descriptors.registry import descriptors_of
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
 from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
-from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
+from core.ranking.differences import TYPICAL_SIM, coarse_differences, differences_of
 from core.ranking.local_density import densities_in, density_sample
 from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
 from service.search import caches, repository
 from service.search.caches import CacheWarmer
+from tests.core.ranking.test_differences import coarse
 from tests.service.support import (
     Running,
     query,
@@ -227,14 +228,6 @@ def test_without_room_answers_are_the_same(running: Running, roomy: dict[str, di
     assert len(cache_of(running)) <= 3
 
 
-def coarse(shapes: Sequence[ShapeDescriptors]) -> CoarseDescriptors:
-    return CoarseDescriptors(
-        np.stack([shape.signature for shape in shapes]),
-        np.stack([view_signature(shape.arrays["views"]) for shape in shapes]),
-        np.array([shape.reliability for shape in shapes], dtype=np.float32),
-    )
-
-
 @pytest.mark.parametrize("rank_by", ["cc", "combined"])
 @pytest.mark.parametrize("running", [SHORT], indirect=True)
 def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
@@ -274,8 +267,8 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     names = [*by_signature, *(name for name in by_views if name not in by_signature)]
 
     def coarse_log_odds(names: list[str], cc: Floats | None = None) -> Floats:
-        stored = coarse([shapes_of[name] for name in names])
-        return pooled_log_odds(coarse_differences(coarse([query_shape]), stored, cc))
+        stored = coarse([embeddings[name] for name in names])
+        return pooled_log_odds(coarse_differences(coarse([wanted]), stored, cc))
 
     if by_log_odds:
         names = first(names, coarse_log_odds(names), 9)
