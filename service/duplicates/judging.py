@@ -16,6 +16,7 @@ from service.container import Container
 from service.duplicates import repository
 from service.duplicates.groups import Groups, Link, Search
 from service.errors import FileTimeLimitError, ShapeNotFoundError, WorkerCrashedError
+from service.index.repository import has_embedding
 from service.index.signature_table import MeasuredShapes
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
@@ -199,9 +200,8 @@ class ShapeJudge:
     def _store(self, session: WriteSession, snapshot: _Snapshot) -> bool:
         """Store the judgement; False if a candidate was judged meanwhile and has not been compared."""
         search, shapes = self.search, snapshot.measured.entries.shapes
-        if not repository.exists(
-            session, self.shape, int(snapshot.measured.entries.embeddings[snapshot.index])
-        ):
+        embedding = int(snapshot.measured.entries.embeddings[snapshot.index])
+        if not has_embedding(session, self.shape, embedding):
             return True
         newer = repository.judged_since(session, search, snapshot.latest) - {self.shape}
         near = set(shapes[self._near(snapshot.measured, snapshot.index)].tolist())

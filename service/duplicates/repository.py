@@ -99,14 +99,6 @@ def write(
     session.add(JudgedShapeRow(shape_number=shape, compared=compared, aligned=aligned, **asdict(search)))
 
 
-def exists(session: ReadSession, number: int, embedding: int) -> bool:
-    """Return whether a shape exists and has an embedding."""
-    query = ENTRIES.with_only_columns(ShapeRow.number).where(
-        ShapeRow.number == number, EmbeddingRow.number == embedding
-    )
-    return session.scalar(query) is not None
-
-
 def links_among(session: ReadSession, fingerprint: str, shapes: Sequence[int]) -> list[Link]:
     """Return the pairs of copies among some shapes."""
     row = DuplicatePairRow

@@ -12,7 +12,7 @@ from sqlalchemy import Select, delete, func, select
 from core.arrays import Floats, Ints
 from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
 from service.collection import CollectionNumber
-from service.index.repository import ENTRIES
+from service.index.repository import ENTRIES, has_embedding
 from service.observability.logging import get_logger
 from service.storage.checksums import checksum_of, is_whole
 from service.storage.database import ReadSession, WriteSession
@@ -79,10 +79,7 @@ def write(
         Log odds that it and each of these are of one class.
     """
     number, embedding = shape
-    present = ENTRIES.with_only_columns(ShapeRow.number).where(
-        ShapeRow.number == number, EmbeddingRow.number == embedding
-    )
-    if session.scalar(present) is None:
+    if not has_embedding(session, number, embedding):
         return
     _store(session, fingerprint, number, compared, log_odds)
     others = neighbour_rows(session, fingerprint, compared)

@@ -110,6 +110,12 @@ ENTRIES = (
 """A query of the rows of the entries of all pipelines."""
 
 
+def has_embedding(session: ReadSession, shape: int, embedding: int) -> bool:
+    """Return whether a shape exists and has an embedding, both given by number."""
+    wanted = ShapeRow.number == shape, EmbeddingRow.number == embedding
+    return session.scalar(ENTRIES.with_only_columns(ShapeRow.number).where(*wanted)) is not None
+
+
 def entries_since(session: ReadSession, fingerprint: str, since: int) -> Iterator[IndexEntries]:
     """Yield the embedded shapes of a pipeline that were stored, or embedded, after a revision.
 
