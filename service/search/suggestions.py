@@ -9,11 +9,11 @@ from scipy.special import expit
 from core.arrays import Floats, Ints
 from core.ranking.diffusion import NOBODY, query_flow
 from service.collection import CollectionNumber
-from service.errors import ShapeNotFoundError
 from service.index.neighbour_repository import neighbour_rows
 from service.search.neighbours import rows_around
 from service.search.suggestion_schemas import SuggestingShape, Suggestion, Suggestions
 from service.shapes import repository as shapes_repository
+from service.shapes import service as shapes_service
 from service.shapes.fields import plain_values
 from service.shapes.records import ShapeRecord
 from service.storage.database import ReadSession
@@ -35,9 +35,7 @@ def suggestions_for(
     ShapeNotFoundError
         The collection has no such shape.
     """
-    shape = shapes_repository.by_id(session, collection, shape_id)
-    if shape is None:
-        raise ShapeNotFoundError(shape_id)
+    shape = shapes_service.get(session, collection, shape_id)
     own = neighbour_rows(session, fingerprint, np.array([shape.number]))
     if not len(own.shapes):
         return Suggestions(suggestions=[], known=False)
