@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Int8s, Int32s
+from core.arrays import Float32s, Floats, Int8s, Int32s
 
 NO_ORIENTATION: Int8s = np.empty((0, 0), dtype=np.int8)
 
@@ -168,6 +168,11 @@ class Match:
     distances: Float32s = field(repr=False)
     effective: NDArray[np.bool_] = field(repr=False)
     mirrored: bool | None = None
+
+    def points(self, first: Embedding, second: Embedding) -> tuple[Floats, Floats]:
+        """Return the positions of the pairs on the two shapes, shape (p, 3) each."""
+        ours, theirs = self.correspondence.T
+        return first.positions[ours].astype(np.float64), second.positions[theirs].astype(np.float64)
 
     def swapped(self) -> "Match":
         """Return the same match seen from the other shape."""

@@ -213,8 +213,7 @@ def _matched_points(
 ) -> tuple[Floats, Floats]:
     """Return the positions of the matched samples of two embedding records, shapes (m, 3)."""
     first, second = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
-    pairs = Pipeline(parameters).match(first, second).correspondence
-    return first.positions[pairs[:, 0]].astype("float64"), second.positions[pairs[:, 1]].astype("float64")
+    return Pipeline(parameters).match(first, second).points(first, second)
 
 
 def dense_correspondence(

@@ -232,10 +232,7 @@ async def _compare(
     do = container.queue.do
     if not mapped:
         with timings.stage("draw"):
-            points = [
-                shape.embedding.positions[samples].astype("float64")
-                for shape, samples in zip((first, second), match.correspondence.T, strict=True)
-            ]
+            points = match.points(first.embedding, second.embedding)
             return Response(await do(rendering.coloured, pair, points, FACES), media_type=MEDIA_TYPE)
     matrix = relation["transform"]
     placing = None if matrix is None else similarity_of(np.array(matrix))

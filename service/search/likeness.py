@@ -118,12 +118,8 @@ def is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) 
     growth = 0.0 if ours is None or theirs is None else math.log(ours / theirs)
     if not may_be_pose(isometry_distance(steps, growth), cc):
         return False
-    pairs = Pipeline(parameters).match(*embeddings).correspondence
-    source, target = (
-        embedding.positions[samples].astype("float64")
-        for embedding, samples in zip(embeddings, pairs.T, strict=True)
-    )
-    return bool(bend(source, target) >= BENT * embeddings[1].facts.area ** 0.5)
+    ends = Pipeline(parameters).match(*embeddings).points(*embeddings)
+    return bool(bend(*ends) >= BENT * embeddings[1].facts.area ** 0.5)
 
 
 async def find_instances(container: Container, first: Surface, second: Surface) -> PartInstances | None:

@@ -145,14 +145,11 @@ def differences(
     """Return the transform of the first part onto the second, the distances, and the seconds of both."""
     pipeline = Pipeline()
     embeddings = pipeline.embed(first), pipeline.embed(second)
-    pairs = pipeline.match(*embeddings).correspondence
-    ends = [
-        one.positions[samples].astype(np.float64) for one, samples in zip(embeddings, pairs.T, strict=True)
-    ]
+    ends = pipeline.match(*embeddings).points(*embeddings)
     start = time.process_time()
     surfaces = probed_surface(first), probed_surface(second)
-    copy = copy_by_surfaces(*surfaces, (ends[0], ends[1]))
-    transform = copy.placing.inverse if copy else rigid_alignment(*surfaces, (ends[0], ends[1]), BENT)
+    copy = copy_by_surfaces(*surfaces, ends)
+    transform = copy.placing.inverse if copy else rigid_alignment(*surfaces, ends, BENT)
     assert transform is not None
     both = surface_distances((first, second), surfaces, transform)
     return transform, both, time.process_time() - start

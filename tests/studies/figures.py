@@ -97,10 +97,7 @@ def match_figure(first: Mesh, second: Mesh) -> Figure:
     match = pipeline.match(*embeddings)
     left, right = match.correspondence.T
     clouds = [cloud_of(embedding) for embedding in embeddings]
-    points = [
-        embedding.positions[samples].astype(np.float64)
-        for embedding, samples in zip(embeddings, (left, right), strict=True)
-    ]
+    points = match.points(*embeddings)
     ends = [cKDTree(mesh.vertices).query(at)[1] for mesh, at in ((second, points[1]), (first, points[0]))]
     bases = basis(second, FINE), basis(first, FINE)
     partners = functional_map(*bases, np.stack(ends, axis=1).astype(np.int64)).partners(*bases)

@@ -18,8 +18,7 @@ PIPELINE = Pipeline()
 
 def aligned(first: Mesh, second: Mesh) -> Similarity | None:
     one, other = PIPELINE.embed(first), PIPELINE.embed(second)
-    pairs = PIPELINE.match(one, other).correspondence
-    ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
+    ends = PIPELINE.match(one, other).points(one, other)
     return rigid_alignment(probed_surface(first), probed_surface(second), ends, BENT)
 
 

@@ -76,9 +76,7 @@ def by_samples(second: Embedding) -> RigidCopy | None:
 def probed(first: Mesh, second: Mesh) -> tuple[ProbedSurface, ProbedSurface, tuple[np.ndarray, np.ndarray]]:
     """Return both surfaces and the points that match."""
     one, other = embedded(first), embedded(second)
-    pairs = PIPELINE.match(one, other).correspondence
-    ends = one.positions[pairs[:, 0]].astype(float), other.positions[pairs[:, 1]].astype(float)
-    return probed_surface(first), probed_surface(second), ends
+    return probed_surface(first), probed_surface(second), PIPELINE.match(one, other).points(one, other)
 
 
 def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
