@@ -306,7 +306,7 @@ class SourceScan:
 
         async def take() -> None:
             for item in items:
-                async with self._places.place():
+                async with self._places.free:
                     await work(item)
 
         await together(take() for _ in range(self._container.settings.workers))

@@ -48,19 +48,16 @@ REFUSED = (CoreError, FileTimeLimitError, BadRequestFieldsError, FileTooLargeErr
 
 
 class Places:
-    """The files that the scans of a service read and store at a time: as many as there are workers."""
+    """The files that the scans of a service read and store at a time: as many as there are workers.
+
+    Each file has one of the `free` places meanwhile.
+    """
 
     def __init__(self, container: Container) -> None:
         self._container = container
-        self._free = asyncio.Semaphore(container.settings.workers)
+        self.free = asyncio.Semaphore(container.settings.workers)
         self.directories = Directories()
         self._active = 0
-
-    @asynccontextmanager
-    async def place(self) -> AsyncIterator[None]:
-        """Wait for one of the places, which hold a file each."""
-        async with self._free:
-            yield
 
     @asynccontextmanager
     async def worker(self) -> AsyncIterator[None]:
