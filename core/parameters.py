@@ -297,10 +297,6 @@ class Parameters(BaseModel):
         values = {"method": METHOD_VERSION, **self.model_dump(exclude={"name"})}
         return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
-    def to_json(self) -> str:
-        """Return the parameters as a JSON object of groups."""
-        return self.model_dump_json(indent=2)
-
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Return parameters from a JSON object of groups; values that it lacks have the defaults.

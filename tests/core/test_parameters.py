@@ -101,13 +101,13 @@ def test_each_parameter_and_the_method_version_change_the_fingerprint(monkeypatc
 @pytest.mark.parametrize("parameters", [DEFAULT, PAPER, DEFAULT.with_values(name="other", **OTHER)])
 def test_json_and_back(parameters):
     for back in (
-        Parameters.from_json(parameters.to_json()),
+        Parameters.from_json(parameters.model_dump_json()),
         Parameters.from_values(json.loads(json.dumps(parameters.model_dump(mode="json")))),
         pickle.loads(pickle.dumps(parameters)),
     ):
         assert back == parameters
         assert back.fingerprint == parameters.fingerprint
-    assert list(json.loads(parameters.to_json())) == ["name", *GROUPS]
+    assert list(json.loads(parameters.model_dump_json())) == ["name", *GROUPS]
 
 
 def test_values_that_are_not_named_stay():
@@ -119,7 +119,7 @@ def test_values_that_are_not_named_stay():
 
 
 def test_parameters_are_frozen_and_hashable():
-    assert len({DEFAULT, PAPER, Parameters.from_json(PAPER.to_json())}) == 2
+    assert len({DEFAULT, PAPER, Parameters.from_json(PAPER.model_dump_json())}) == 2
     with pytest.raises(ValidationError, match="frozen"):
         DEFAULT.mesh.fill_holes = 0.5
 
@@ -153,7 +153,7 @@ def test_an_error_names_the_parameter_and_the_cause(values, message):
 def test_a_whole_number_and_the_same_as_a_float_have_one_fingerprint(group, name, whole):
     first, second = (DEFAULT.with_values(**{group: {name: value}}) for value in (whole, float(whole)))
     assert first.fingerprint == second.fingerprint
-    assert first.to_json() == second.to_json()
+    assert first.model_dump_json() == second.model_dump_json()
     assert Parameters.from_json(json.dumps({group: {name: whole}})) == first
 
 

@@ -162,7 +162,7 @@ def test_a_value_out_of_range_is_refused_by_name(
 
 def test_parameters_come_from_a_file_and_without_a_name_are_called_as_it(tmp_path: Path) -> None:
     path = tmp_path / "few samples.json"
-    path.write_text(DEFAULT.to_json())
+    path.write_text(DEFAULT.model_dump_json())
     assert load_parameters(str(path)) == DEFAULT
     path.write_text('{"sampling": {"samples": 60}}')
     parameters = load_parameters(str(path))
