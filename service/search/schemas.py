@@ -13,7 +13,7 @@ from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, L
 from service.collection import CollectionNumber
 from service.search.local_difference import LocalDifference
 from service.search.part_instances import PartInstances
-from service.shapes.fields import Id, split_tags
+from service.shapes.fields import Id, listed
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import SHAPE, EmbeddingArrays, Filters, MeasuredMesh, Shape
 
@@ -115,15 +115,7 @@ def likeness_in_words(
     return words if difference is None else f"{words}: {difference.text}"
 
 
-def _split(value: object) -> object:
-    """Return a list of ids, from one text or a list of texts, each with commas between ids."""
-    parts = [value] if isinstance(value, str) else value
-    if isinstance(parts, list) and all(isinstance(part, str) for part in parts):
-        return split_tags(parts)
-    return value
-
-
-Excluded = Annotated[list[Id], BeforeValidator(_split), Field(max_length=EXCLUDED)]
+Excluded = Annotated[list[Id], BeforeValidator(listed), Field(max_length=EXCLUDED)]
 
 
 class SearchOptions(Filters):

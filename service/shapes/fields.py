@@ -105,8 +105,8 @@ def split_tags(values: Iterable[str]) -> list[str]:
     return [tag for value in values for tag in (part.strip() for part in value.split(",")) if tag]
 
 
-def _listed(value: object) -> object:
-    """Return a list of tags, from one text or a list of texts, each with commas between tags."""
+def listed(value: object) -> object:
+    """Return a list of tags or ids, from one text or a list of texts, each with commas between them."""
     if isinstance(value, str):
         return split_tags([value])
     if isinstance(value, list) and all(isinstance(part, str) for part in value):
@@ -135,7 +135,7 @@ Tags = Annotated[
         examples=[["horse", "animal"]],
     ),
 ]
-ListedTags = Annotated[Tags, BeforeValidator(_listed)]
+ListedTags = Annotated[Tags, BeforeValidator(listed)]
 Metadata = Annotated[
     dict[str, JsonValue],
     AfterValidator(clean_metadata),
