@@ -60,11 +60,15 @@ class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):
         self.faults = faults
 
 
-class ShapeNotFoundError(ServiceError, kind="shape-not-found"):
-    """The collection has no shape with the id."""
+class MissingError(ServiceError):
+    """Nothing has the id. The kind of a subclass is the name of the thing and "-not-found"."""
 
-    def __init__(self, shape_id: str) -> None:
-        super().__init__(f"there is no shape {shape_id!r}")
+    def __init__(self, id: str) -> None:
+        super().__init__(f"there is no {self.kind.removesuffix('-not-found')} {id!r}")
+
+
+class ShapeNotFoundError(MissingError, kind="shape-not-found"):
+    """The collection has no shape with the id."""
 
 
 class CollectionNotFoundError(ServiceError, kind="collection-not-found"):
@@ -85,11 +89,8 @@ class FileInPlaceError(BadRecordError):
     kind = "file-in-place"
 
 
-class SourceNotFoundError(ServiceError, kind="source-not-found"):
+class SourceNotFoundError(MissingError, kind="source-not-found"):
     """The collection has no source with the id."""
-
-    def __init__(self, source_id: str) -> None:
-        super().__init__(f"there is no source {source_id!r}")
 
 
 class SourceRefusedError(ServiceError, kind="source-refused"):

@@ -18,7 +18,7 @@ from service.duplicates.decision_schemas import (
 )
 from service.duplicates.groups import Counted, Search
 from service.duplicates.records import Decision, pair_of
-from service.errors import BadRequestFieldsError, FieldFault, ServiceError
+from service.errors import BadRequestFieldsError, FieldFault, MissingError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.shapes import repository as shapes_repository
@@ -28,7 +28,7 @@ from service.shapes.schemas import Shape, ShapeChanges, write_cursor
 from service.storage.database import ReadSession, WriteSession
 
 
-class DecisionNotFoundError(ServiceError, kind="decision-not-found"):
+class DecisionNotFoundError(MissingError, kind="decision-not-found"):
     """The collection has no decision with the id."""
 
 

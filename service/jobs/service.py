@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
-from service.errors import ArchiveError, BusyError, ServiceError
+from service.errors import ArchiveError, BusyError, MissingError, ServiceError
 from service.jobs import repository
 from service.jobs.schemas import ENDED, Job, JobFile, JobFilePage, JobPage, Outcome, State
 from service.jobs.zip_archive import (
@@ -40,11 +40,8 @@ ORPHAN_SECONDS = 3600.0
 _ARCHIVES = "????????-????-????-????-????????????.*"
 
 
-class JobNotFoundError(ServiceError, kind="job-not-found"):
+class JobNotFoundError(MissingError, kind="job-not-found"):
     """No job has the id, or its record was deleted."""
-
-    def __init__(self, job_id: str) -> None:
-        super().__init__(f"there is no job {job_id!r}")
 
 
 def folder_of(settings: Settings) -> Path:

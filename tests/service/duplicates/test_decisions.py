@@ -85,7 +85,8 @@ def test_a_decided_pair_comes_back_only_with_another_file(service: Running, copi
     sides = [sorted(each[side]["shapes"]) for each in pairs["decisions"] for side in ("first", "second")]
     assert sorted(sides) == sorted([sorted([one, two])] * 3 + [[three]])
     # It has taken the place of the first decision.
-    assert_problem(client.delete(f"/duplicates/decisions/{first['id']}"), 404, "decision-not-found")
+    gone = assert_problem(client.delete(f"/duplicates/decisions/{first['id']}"), 404, "decision-not-found")
+    assert gone["detail"] == f"there is no decision {first['id']!r}"
 
     # It lasts when shapes are renamed, and deleted and stored again.
     client.patch(f"/shapes/{one}", json={"name": "renamed.off"})
