@@ -1,7 +1,7 @@
 // Decisions on groups of duplicates, and merges of them, by buttons and keys. The last one can be undone.
 
 import { address, ask, askWith } from "./api.js";
-import { mayDelete } from "./deleted.js";
+import { areKept, mayDelete } from "./deleted.js";
 import { button, make } from "./dom.js";
 
 /** @import { Decided, Duplicate, MergedShape } from "./types.js" */
@@ -61,14 +61,24 @@ async function merge(others, shapes) {
   /** @type {MergedShape} */
   const { former, deleted } = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
   const body = { shape: former.id, tags: former.tags, metadata: former.metadata, deleted };
-  undoes.push(() => askWith(address("duplicates/merge/undo"), body));
+  if (areKept()) undoes.push(() => askWith(address("duplicates/merge/undo"), body));
+  // Undo takes the latest decision back, and never an earlier one.
+  else undoes.length = 0;
   return true;
 }
+
+/** Whether the latest decision can be undone. */
+export const canUndo = () => undoes.length > 0;
 
 /** Undo the latest decision; false if there is none. */
 export async function undo() {
   const latest = undoes.pop();
   if (latest === undefined) return false;
-  await latest();
+  try {
+    await latest();
+  } catch (error) {
+    undoes.push(latest);
+    throw error;
+  }
   return true;
 }

@@ -48,8 +48,11 @@ async function confirmed(shapes) {
   return dialog.returnValue === "delete";
 }
 
+/** Whether deleted shapes can be restored for a time. */
+export const areKept = () => days > 0;
+
 /** Whether shapes may be deleted, which is asked where they cannot be restored. @param {{ name: string }[]} shapes */
-export const mayDelete = async (shapes) => days > 0 || await confirmed(shapes);
+export const mayDelete = async (shapes) => areKept() || await confirmed(shapes);
 
 /**
  * Delete a shape, if that is confirmed where it cannot be restored. Returns whether it is deleted.
@@ -66,7 +69,7 @@ export async function erased(shape) {
  * @param {...{ id: string, name: string }} shapes
  */
 export function deleted(...shapes) {
-  if (days === 0) return false;
+  if (!areKept()) return false;
   const undo = undoOf(shapes);
   const time = days === 1 ? "one day" : `${days} days`;
   offer.replaceChildren(`${told(shapes, "deleted")} You can restore ${shapes.length === 1 ? "it" : "them"} within ${time}. `, undo);

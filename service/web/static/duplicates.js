@@ -2,7 +2,7 @@
 
 import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
-import { choices, decide, decisionOf, UNDO, undo, wordOf } from "./decisions.js";
+import { canUndo, choices, decide, decisionOf, UNDO, undo, wordOf } from "./decisions.js";
 import { deleted, erased } from "./deleted.js";
 import { button, byId, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
@@ -119,7 +119,9 @@ async function settle(members, decision) {
     list.children[place].remove();
     if (list.children.length === 0) append(PAGE);
     tell();
-    offer.replaceChildren(`${wordOf(decision)}: ${members[0].shape.name}. `, button("Undo", takeBack));
+    offer.replaceChildren(
+      `${wordOf(decision)}: ${members[0].shape.name}. `, ...(canUndo() ? [button("Undo", takeBack)] : []),
+    );
     const next = /** @type {HTMLElement | undefined} */ (list.children[place] ?? list.lastElementChild ?? offer);
     next?.focus();
   } catch (error) {
