@@ -4,6 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from pathspec import GitIgnoreSpec
 
+ASTERISKS = 4
+"""The most asterisks of a pattern. Each multiplies the time of a match by the length of the path."""
+
 
 class Rules:
     """Rules of tags.
@@ -16,18 +19,27 @@ class Rules:
     Raises
     ------
     ValueError
-        A pattern is none; the message tells which.
+        A pattern is none, selects no file, or has too many asterisks; the message tells which.
     """
 
     def __init__(self, tags: Mapping[str, Sequence[str]]) -> None:
         self._rules = []
         for pattern, given in tags.items():
-            try:
-                spec = GitIgnoreSpec.from_lines([pattern])
-            except ValueError as error:
-                raise ValueError(f"{pattern!r} is no pattern") from error
-            self._rules.append((spec, given))
+            self._rules.append((_spec(pattern), given))
 
     def tags_of(self, path: str) -> list[str]:
         """Return the tags of a file by its path from the root of the source."""
         return [tag for spec, tags in self._rules if spec.match_file(path) for tag in tags]
+
+
+def _spec(pattern: str) -> GitIgnoreSpec:
+    try:
+        spec = GitIgnoreSpec.from_lines([pattern])
+    except ValueError as error:
+        raise ValueError(f"{pattern!r} is no pattern") from error
+    # A comment or an exception selects nothing.
+    if not any(part.include for part in spec.patterns):
+        raise ValueError(f"{pattern!r} selects no file")
+    if sum(part == "**" or part.count("*") for part in pattern.split("/")) > ASTERISKS:
+        raise ValueError(f"{pattern!r} has more than {ASTERISKS} asterisks; ** between slashes counts as one")
+    return spec

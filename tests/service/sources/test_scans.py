@@ -76,8 +76,9 @@ def test_rules_tag_new_shapes_by_their_paths(running: Running, root: Path) -> No
         library.rescan()
         (shape,) = running.client.get("/shapes", params={"tag": "new"}).json()["shapes"]
         assert (shape["name"], shape["tags"]) == ("c v2.off", ["found", "new"])
-    wrong = running.client.post("/sources", json={"path": str(root), "rules": {"!": ["a"]}})
-    assert_problem(wrong, 422, "bad-request-fields")
+    for pattern in ("!", "!a", "# a", "/", "*" * 20 + "a", "a*b*c*d*/e*"):
+        wrong = running.client.post("/sources", json={"path": str(root), "rules": {pattern: ["a"]}})
+        assert_problem(wrong, 422, "bad-request-fields")
 
 
 def test_a_vanished_file_is_missing_and_comes_back(library: Library, root: Path) -> None:
