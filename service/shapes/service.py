@@ -56,6 +56,7 @@ from service.shapes.schemas import (
     write_cursor,
 )
 from service.storage.database import Database, ReadSession, WriteSession
+from service.storage.in_place import is_in_source
 
 log = get_logger("shapes")
 
@@ -284,8 +285,10 @@ def list_deleted(
     )
 
 
-async def restore(container: Container, collection: CollectionNumber, shape_id: str) -> ShapeRecord:
-    """Undo the deletion of a shape.
+async def restore(
+    container: Container, collection: CollectionNumber, shape_id: str, *, in_place: bool = False
+) -> ShapeRecord:
+    """Undo the deletion of a shape. Its bytes are stored unless they are `in_place`, in a folder that stays.
 
     Stages: read the file; embed it in a worker unless the active pipeline has embedded it; restore the shape
     in one transaction.
@@ -302,7 +305,7 @@ async def restore(container: Container, collection: CollectionNumber, shape_id: 
     def read(session: ReadSession) -> NewFile:
         record = get(session, collection, shape_id, deleted=keep)
         data = file_repository.file_of(session, collection, shape_id, deleted=True)
-        return NewFile(data, record.format, in_place=True)
+        return NewFile(data, record.format, in_place=in_place or is_in_source(session, record.sha256))
 
     def undo(session: WriteSession, put: Put) -> ShapeRecord:
         record = get(session, collection, shape_id, deleted=keep)

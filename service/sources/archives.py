@@ -12,18 +12,18 @@ from cachetools import LRUCache, cachedmethod
 from service.errors import ServiceError
 from service.jobs.zip_archive import ArchiveMember, ArchiveTooLargeError, ReadDirectory, ZipArchive
 from service.settings import Settings
-from service.sources.reading import FileInMotionError, opened
+from service.sources.reading import FileInMotionError, FileUnreadableError, opened
 from service.sources.walk import PATH_BYTES, FoundFile, RootMissingError, Tree, endings, normal
 
 MEMBERS = 20_000
-"""Meshes in archives whose paths are kept in memory."""
+"""Archives, and meshes in them, whose paths are kept in memory."""
 
 
 class Directories:
     """The members of archives that scans have read, so that an unchanged archive is not read again."""
 
     def __init__(self) -> None:
-        self.members: LRUCache[Any, list[FoundFile]] = LRUCache(MEMBERS, len)
+        self.members: LRUCache[Any, list[FoundFile]] = LRUCache(MEMBERS, lambda members: len(members) + 1)
         self.lock = Lock()
 
 
@@ -76,15 +76,20 @@ class Archives:
         Raises
         ------
         FileInMotionError, FileUnreadableError
-            The archive is being written, or cannot be opened.
-        ServiceError
-            The member, or the whole archive, is refused.
+            The archive is being written, or cannot be read.
+        MemberError, CoreError
+            The member is refused.
         """
         archive = found.archive
         assert archive is not None
         with opened(self._root, archive) as file:
-            content = ZipArchive(file, self._limits, self._read_directory)
-            for position, member in enumerate(content.members()):
+            try:
+                content = ZipArchive(file, self._limits, self._read_directory)
+                members = content.members()
+            except ServiceError as error:
+                # The scan has read its directory: time or memory is short, or the disk fails.
+                raise FileUnreadableError(str(error)) from error
+            for position, member in enumerate(members):
                 if _found(archive, member).path == found.path:
                     if member.fault is not None:
                         raise member.fault

@@ -26,14 +26,14 @@ from service.errors import NameTakenError, ServiceError
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name, clean_name
-from service.shapes.records import sha256
+from service.shapes.records import NewFile
 from service.shapes.schemas import ShapeChanges
 from service.sources import repository
 from service.sources.comparison import Differences, compare, has_lost_half, same_files
 from service.sources.reading import FileInMotionError
 from service.sources.repository import AT_ONCE, READ_AT_ONCE, KnownFile
 from service.sources.schemas import Scan as Report
-from service.sources.storing import FileStorer, Places, format_at
+from service.sources.storing import FileStorer, Places, format_at, keep
 from service.sources.walk import FoundFile, RootMissingError, Tree, find_files
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import SourceRow
@@ -160,13 +160,14 @@ class SourceScan:
         for earlier, found in differences.changed:
             known = current.get(earlier.number, earlier)
             try:
-                digest = sha256(await run_in_threadpool(self._storing.read, found))
+                file = self._storing.new_file(found, await run_in_threadpool(self._storing.read, found))
             except (CoreError, FileInMotionError, ServiceError):
                 rest.append((known, found))
                 continue
+            digest = await run_in_threadpool(getattr, file, "sha256")
             mover = movers.get(digest)
             if known.sha256 == digest and known.state != "unreadable":
-                await self._database.writing(self._storing.touch, found, known)
+                await self._database.writing(self._storing.touch, found, known, file)
                 movers.pop(digest, None)
                 self.report.moved += known is not earlier
             elif (
@@ -176,7 +177,7 @@ class SourceScan:
             ):
                 rest.append((known, found))
             else:
-                moved = await self._database.writing(self._exchange, found, known, mover)
+                moved = await self._database.writing(self._exchange, found, known, mover, file)
                 current[mover.number] = moved
                 del movers[digest]
                 if moved.sha256 is not None:
@@ -228,7 +229,7 @@ class SourceScan:
         repository.add_all(session, rows)
 
     def _exchange(
-        self, session: WriteSession, found: FoundFile, known: KnownFile, mover: KnownFile
+        self, session: WriteSession, found: FoundFile, known: KnownFile, mover: KnownFile, file: NewFile
     ) -> KnownFile:
         """Exchange the shapes of a path and of the file that was moved there; return that file as it is."""
         repository.require(session, self._source.number)
@@ -237,6 +238,7 @@ class SourceScan:
         row = {"number": known.number, **repository.as_found(found), "state": "present", **other}
         repository.update_all(session, [{**row, "kind": None, "detail": None, "missing_since": None}])
         repository.update_all(session, [{"number": mover.number, **own}])
+        keep(session, file)
         return replace(mover, **own)
 
     async def _settle_vanished(

@@ -22,6 +22,9 @@ from service.storage.tables import SourceRow
 AT_ONCE = 100
 """Files whose shapes one transaction deletes."""
 
+REMOVED = "removed"
+"""The state of a removed source whose shapes are deleted."""
+
 
 def real_folder(path: str, allowed: Sequence[str]) -> Path:
     """Return the real path of a folder inside one of some folders.
@@ -135,6 +138,8 @@ def begin_removal(session: WriteSession, collection: CollectionNumber, source_id
     """Remove a source from the lists and end its scan; return its number, for `delete_shapes`."""
     source = _row(session, collection, source_id)
     source.removed_at = datetime.now(UTC)
+    # The service that scans it has lost it.
+    source.runner = None
     return source.number
 
 
@@ -145,6 +150,7 @@ def delete_shapes(database: Database, number: int, keep: timedelta) -> None:
         with database.write(deleting=True) as session:
             files = repository.some_files(session, number, after, AT_ONCE)
             if not files:
+                repository.change(session, number, {"state": REMOVED})
                 return
             for record in repository.lone_shapes(session, files):
                 shapes_service.delete(session, repository.collection_of(session, number), record.id, keep)
@@ -154,9 +160,11 @@ def delete_shapes(database: Database, number: int, keep: timedelta) -> None:
 def forget_removed(database: Database, keep: timedelta) -> None:
     """Finish removals, and forget the sources that were removed before `keep`."""
     with database.read() as session:
-        numbers = [(source.number, source.removed_at) for source in repository.removed(session)]
-    for number, removed_at in numbers:
-        delete_shapes(database, number, keep)
+        rows = [(source.number, source.state, source.removed_at) for source in repository.removed(session)]
+    for number, state, removed_at in rows:
+        # Shapes that were restored after that stay.
+        if state != REMOVED:
+            delete_shapes(database, number, keep)
         if removed_at is not None and removed_at <= datetime.now(UTC) - keep:
             with database.write(deleting=True) as session:
                 repository.erase(session, number)

@@ -24,10 +24,11 @@ from service.errors import (
 )
 from service.previews import thumbnails
 from service.rendering.thumbnail import draw
+from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name, clean_name, clean_tags
-from service.shapes.records import NewFile, NewShape, StoredShape, sha256
+from service.shapes.records import NewFile, NewShape, StoredShape
 from service.shapes.service import Put, ingest, store_files
 from service.sources import repository
 from service.sources.archives import Archives, Directories
@@ -93,9 +94,8 @@ class FileStorer:
         except (CoreError, ServiceError) as error:
             await self._refuse(key, found, known, None, error)
             return
-        in_place = not self._source.copies and found.archive is None
-        file = NewFile(data, format_at(found.path), in_place=in_place)
-        digest = await run_in_threadpool(sha256, data)
+        file = self.new_file(found, data)
+        digest = await run_in_threadpool(getattr, file, "sha256")
         async with self._alone(digest):
             for tries_left in reversed(range(TRIES)):
                 try:
@@ -106,6 +106,11 @@ class FileStorer:
                         await self._refuse(key, found, known, digest, error)
                         break
         self._report.done += 1
+
+    def new_file(self, found: FoundFile, data: bytes) -> NewFile:
+        """Return the file at a path, which stays in place unless it is in an archive, or copies are kept."""
+        in_place = not self._source.copies and found.archive is None
+        return NewFile(data, format_at(found.path), in_place=in_place)
 
     def read(self, found: FoundFile) -> bytes:
         """Return the bytes of a file, or of a member of an archive; see `read_file` and `Archives.read`."""
@@ -123,10 +128,12 @@ class FileStorer:
         if shape is not None and shape.deleted and shape.removed:
             # The source of the shape was removed: adding the folder again brings it back.
             with suppress(CoreError, NameTakenError, ShapeNotFoundError):
-                await shapes_service.restore(self._container, self._collection, shape.id)
+                await shapes_service.restore(
+                    self._container, self._collection, shape.id, in_place=file.in_place
+                )
         if shape is not None:
             values = _present(file, shape.number, owned=shape.owned)
-            await self._database.writing(self._put, key, found, known, values)
+            await self._database.writing(self._put, key, found, known, values, file)
             self._report.copies += 1
             return
         await self._ingest(key, found, known, file)
@@ -198,11 +205,12 @@ class FileStorer:
             picture = await self._container.queue.do(draw, mesh, file.format, PICTURE_PIXELS)
             await thumbnails.store(self._container, {file.key: picture}, PICTURE_PIXELS)
 
-    def touch(self, session: WriteSession, found: FoundFile, known: KnownFile) -> None:
+    def touch(self, session: WriteSession, found: FoundFile, known: KnownFile, file: NewFile) -> None:
         """Write the time and the inode of a file whose bytes are unchanged."""
         state = "present" if known.state == "missing" else known.state
         row = {"number": known.number, **repository.as_found(found), "state": state, "missing_since": None}
         repository.update_all(session, [row])
+        keep(session, file)
 
     def _put(
         self,
@@ -211,6 +219,7 @@ class FileStorer:
         found: FoundFile,
         known: KnownFile | None,
         values: Mapping[str, Any],
+        file: NewFile | None = None,
     ) -> None:
         repository.require(session, self._source.number)
         if known is not None and known.shape_number != values["shape_number"]:
@@ -220,6 +229,8 @@ class FileStorer:
                     session, self._collection, record.id, self._container.settings.undo_time
                 )
         repository.write(session, self._source.number, key, found, known, values)
+        if file is not None:
+            keep(session, file)
 
     async def _refuse(
         self, key: str, found: FoundFile, known: KnownFile | None, sha256: str | None, error: Exception
@@ -247,6 +258,13 @@ class FileStorer:
             yield
         if not lock.locked():
             self._locks.pop(sha256, None)
+
+
+def keep(session: WriteSession, file: NewFile) -> None:
+    """Store the bytes of a file that does not stay in place, if its shape was stored without them."""
+    number = None if file.in_place else file_repository.blob_number(session, file.sha256)
+    if number is not None:
+        file_repository.keep_bytes(session, number, file.data)
 
 
 def _present(file: NewFile, shape_number: int, *, owned: bool) -> dict[str, Any]:

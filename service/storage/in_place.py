@@ -50,6 +50,16 @@ def open_beneath(root: Path, path: str) -> int:
     return file
 
 
+def is_in_source(session: ReadSession, sha256: str) -> bool:
+    """Return whether a source, but for those that were removed, has a file with a SHA-256."""
+    query = (
+        select(SourceFileRow.number)
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .where(SourceFileRow.sha256 == sha256, SourceRow.removed_at.is_(None))
+    )
+    return session.scalar(query.limit(1)) is not None
+
+
 def stored_bytes(session: ReadSession, data: bytes | None, sha256: str) -> bytes:
     """Return the bytes of a blob, from the archive or else from a source that has them.
 

@@ -445,7 +445,7 @@ class SourceRow(Table):
     `service.sources.schemas.State`, `detail` the reason of `offline`, and `report` the counts of the latest
     scan. `requested` asks for a scan; `confirmed` lets it take files for deleted that an absent folder lacks.
     `runner` identifies the service that scans; it counts as dead after `leased_until`. A source with
-    `removed_at` is kept until its shapes are erased.
+    `removed_at` is kept until its shapes are erased; its `state` is `removed` once they are deleted.
     """
 
     __tablename__ = "sources"

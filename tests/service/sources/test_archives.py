@@ -1,9 +1,11 @@
 """Zip files in a folder: their meshes are files of the source."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from service.jobs.zip_archive import MalformedArchiveError, ZipArchive
 from service.sources import archives
 from tests.service.engines import on_both
 from tests.service.jobs.support import pack
@@ -59,6 +61,43 @@ def test_the_meshes_of_a_zip_are_files_of_its_source(running: Running, root: Pat
         (root / "damaged.zip").unlink()
         assert library.rescan()["counts"] == {"present": 1, "missing": 1, "refused": 0, "unreadable": 0}
         assert client.get(f"/shapes/{b}/file").content == small_file(5)
+
+
+def test_files_that_are_packed_keep_their_shapes_and_bytes(running: Running, root: Path) -> None:
+    """A new member, and one that changes into a file that has vanished."""
+    put(root / "a.off", small_file(1))
+    put(root / "b.off", small_file(2))
+    put(root / "kit.zip", pack({"x.off": small_file(3)}))
+    with Library.of(running, root) as library:
+        shapes = library.shapes()
+        put(root / "kit.zip", pack({"x.off": small_file(1), "b.off": small_file(2)}))
+        for name in ("a.off", "b.off"):
+            (root / name).unlink()
+        library.rescan()
+        packed = library.shapes()
+        assert packed["kit.zip/x.off"] == shapes["a.off"]
+        assert packed["kit.zip/b.off"] == shapes["b.off"]
+        for name, number in (("a.off", 1), ("b.off", 2)):
+            assert running.client.get(f"/shapes/{shapes[name]}/file").content == small_file(number)
+
+
+def test_a_member_is_read_again_if_its_zip_could_not_be(
+    running: Running, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(root / "kit.zip", pack({"a.off": small_file(1)}))
+    opened = []
+
+    def failing(*arguments: Any) -> ZipArchive:
+        opened.append(arguments)
+        if len(opened) > 1:
+            raise MalformedArchiveError("no time")
+        return ZipArchive(*arguments)
+
+    monkeypatch.setattr(archives, "ZipArchive", failing)
+    with Library.of(running, root) as library:
+        assert library.files()["kit.zip/a.off"]["state"] == "unreadable"
+        monkeypatch.setattr(archives, "ZipArchive", ZipArchive)
+        assert library.rescan()["counts"]["present"] == 1
 
 
 def test_an_unchanged_zip_is_read_once(running: Running, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
