@@ -47,11 +47,11 @@ def library_command(
     """List, add, scan and remove folders that stay in place.
 
     The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
-    `add` stores them, and `rescan` what has changed since, in one source or in all. `rule` sets the rules of
-    a source, for shapes that are stored later. `isoshape serve` does so
-    by itself. A source is offline if its folder is absent or empty, or has lost more than half of its files:
-    nothing is deleted then, until `confirm` says that the files are gone for good. `remove` deletes the
-    shapes of a source; `isoshape restore` brings them back for a time.
+    `add` stores them, and `rescan` what has changed since, in one source or in all; `isoshape serve` does so
+    by itself. `rule` sets the rules of a source, by which its shapes are tagged. A source is offline if its
+    folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
+    `confirm` says that the files are gone for good. `remove` deletes the shapes of a source; for a time,
+    `isoshape restore` brings them back.
 
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
@@ -68,7 +68,7 @@ def library_command(
             )
             _follow(client, [added])
         elif action == "rule":
-            _print([client.set_source_rules(_named(client, target or "").id, _rules(rule or []))])
+            _follow(client, [client.set_source_rules(_named(client, target or "").id, _rules(rule or []))])
         elif action == "rescan":
             wanted = client.sources().sources if target is None else [_named(client, target)]
             _follow(client, [client.rescan_source(source.id) for source in wanted])

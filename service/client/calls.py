@@ -484,7 +484,7 @@ def source_files(source_id: str, *, state: FileState | None = None) -> Call[Step
 
 
 def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call[Source]:
-    """Have the shapes that later scans store tagged by patterns of their paths."""
+    """Have the shapes of a source tagged by patterns of their paths; a scan tags those that are stored."""
     by_pattern = {pattern: list(tags) for pattern, tags in rules.items()}
     return Call("PUT", f"{_source(source_id)}/rules", parsed(Source), json={"rules": by_pattern})
 

@@ -106,10 +106,15 @@ def list_source_files(
     responses=documented("bad-request-fields", "source-not-found", *WRITE_PROBLEMS),
 )
 async def set_source_rules(
-    source_id: SourceId, new: NewRules, container: Service, collection: InCollection
+    source_id: SourceId, new: NewRules, container: Service, scanner: InScanner, collection: InCollection
 ) -> Source:
-    """Have the shapes that later scans store tagged by these rules, and no others."""
-    return await container.database.writing(service.set_rules, collection.number, source_id, new.rules)
+    """Have the shapes of the source tagged by these rules: those that are stored, by a scan, and later ones.
+
+    Tags that shapes have stay. A shape that would have too many gets none.
+    """
+    source = await container.database.writing(service.set_rules, collection.number, source_id, new.rules)
+    scanner.look()
+    return source
 
 
 @router.post(

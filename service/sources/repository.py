@@ -64,6 +64,7 @@ def add(session: WriteSession, collection: CollectionNumber, values: Mapping[str
         collection_number=collection,
         state="waiting",
         report={},
+        tagged=True,
         requested=True,
         confirmed=False,
         created_at=datetime.now(UTC),
@@ -200,6 +201,19 @@ def update_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None
 def forget(session: WriteSession, numbers: Collection[int]) -> None:
     """Delete files, but not their shapes."""
     session.execute(delete(SourceFileRow).where(SourceFileRow.number.in_(numbers)))
+
+
+def forget_refused(session: WriteSession, number: int, kind: str) -> None:
+    """Delete files without a shape that were refused for a reason, so that the next scan reads them again."""
+    lacking = SourceFileRow.shape_number.is_(None)
+    refused = SourceFileRow.state == "refused", SourceFileRow.kind == kind, lacking
+    session.execute(delete(SourceFileRow).where(SourceFileRow.source_number == number, *refused))
+
+
+def end_tagging(session: WriteSession, number: int, rules: Mapping[str, Any]) -> None:
+    """Write that the shapes of a source have the tags of its rules, unless it has other rules by now."""
+    source = session.scalars(select(SourceRow).where(SourceRow.number == number)).one()
+    source.tagged = source.rules == rules
 
 
 def as_found(found: FoundFile) -> dict[str, Any]:

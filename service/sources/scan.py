@@ -98,6 +98,7 @@ class SourceScan:
         await self._settle_changed(differences)
         await self._settle_new(differences, known)
         await self._settle_vanished(differences.vanished, known, tree)
+        await self._tag()
         await self._forget_long_missing()
 
     def _find(self) -> Tree:
@@ -285,6 +286,16 @@ class SourceScan:
             changes = ShapeChanges(name=clean_name(base_name(path)))
             shapes_service.change(session, self._collection, record.id, changes, self._collection)
 
+    async def _tag(self) -> None:
+        """Add the tags of rules that were set since the source was added to the shapes that it has."""
+        if self._source.tagged:
+            return
+        known = await self._known_files()
+        for batch in _batches(list(known.values()), AT_ONCE // 5):
+            await self._database.writing(self._storing.tag, batch)
+        number, rules = self._source.number, self._source.rules
+        await self._database.writing(repository.end_tagging, number, rules)
+
     async def _forget_long_missing(self) -> None:
         """Erase the shapes of files that have been missing for as long as deletions can be undone."""
         until = datetime.now(UTC) - self._container.settings.undo_time
@@ -314,6 +325,6 @@ class SourceScan:
         await together(take() for _ in range(self._container.settings.workers))
 
 
-def _batches(items: Sequence[T]) -> Iterator[Sequence[T]]:
-    for start in range(0, len(items), AT_ONCE):
-        yield items[start : start + AT_ONCE]
+def _batches(items: Sequence[T], size: int = AT_ONCE) -> Iterator[Sequence[T]]:
+    for start in range(0, len(items), size):
+        yield items[start : start + size]

@@ -103,7 +103,7 @@ def list_files(
 def set_rules(
     session: WriteSession, collection: CollectionNumber, source_id: str, rules: Mapping[str, list[str]]
 ) -> Source:
-    """Have the shapes that later scans store tagged by these rules, and no others.
+    """Set the rules of a source. The scan that this asks for adds their tags to its shapes.
 
     Raises
     ------
@@ -112,7 +112,10 @@ def set_rules(
     """
     _check(rules)
     source = _row(session, collection, source_id)
-    source.rules = dict(rules)
+    source.rules, source.tagged, source.requested = dict(rules), False, True
+    # The other rules may have given a file more tags than a shape may have.
+    repository.forget_refused(session, source.number, BadRequestFieldsError.kind)
+    session.flush()
     return _shown(session, source)
 
 

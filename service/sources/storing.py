@@ -1,7 +1,7 @@
 """Storing a file of a source: as a shape, as another path of one, or with the reason why it has none."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -169,6 +169,20 @@ class FileStorer:
             return tuple(clean_tags([*self._source.tags, *self._rules.tags_of(path)]))
         except ValueError as error:
             raise BadRequestFieldsError(FieldFault("tags", str(error))) from error
+
+    def tag(self, session: WriteSession, files: Sequence[KnownFile]) -> None:
+        """Add the tags of the rules to the shapes that the source stored for some files."""
+        tags: dict[int, list[str]] = {}
+        for file in files:
+            if file.shape_number is not None and file.owned:
+                tags.setdefault(file.shape_number, []).extend(self._rules.tags_of(file.path))
+        shapes = [number for number, wanted in tags.items() if wanted]
+        for record in shapes_repository.records(session, self._collection, shapes):
+            # More than a shape may have are refused.
+            with suppress(ValueError):
+                joined = clean_tags([*record.tags, *tags[record.number]])
+                if joined != list(record.tags):
+                    shapes_repository.change(session, record.number, {"tags": joined})
 
     async def _replace(self, key: str, found: FoundFile, known: KnownFile, file: NewFile) -> bool:
         """Give the shape of a path its changed file; return whether the path has its shape."""

@@ -441,10 +441,10 @@ class SourceRow(Table):
     """A folder whose mesh files are shapes of a collection and stay where they are.
 
     `root` is the folder's real path. With `copies`, the archive keeps the bytes too. `rules` has tags by the
-    patterns of paths whose files get them. `state` is one of
-    `service.sources.schemas.State`, `detail` the reason of `offline`, and `report` the counts of the latest
-    scan. `requested` asks for a scan; `confirmed` lets it take files for deleted that an absent folder lacks.
-    `runner` identifies the service that scans; it counts as dead after `leased_until`. A source with
+    patterns of paths whose files get them; it is `tagged` once all its shapes have those tags. `state` is one
+    of `service.sources.schemas.State`, `detail` the reason of `offline`, and `report` the counts of the
+    latest scan. `requested` asks for a scan; `confirmed` lets it take files for deleted that an absent folder
+    lacks. `runner` identifies the service that scans; it counts as dead after `leased_until`. A source with
     `removed_at` is kept until its shapes are erased; its `state` is `removed` once they are deleted.
     """
 
@@ -462,6 +462,7 @@ class SourceRow(Table):
     copies: Mapped[bool]
     tags: Mapped[list[str]] = mapped_column(JSON)
     rules: Mapped[dict[str, list[str]]] = mapped_column(JSON)
+    tagged: Mapped[bool]
     state: Mapped[str] = mapped_column(String(16))
     detail: Mapped[str | None] = mapped_column(Text)
     report: Mapped[dict[str, Any]] = mapped_column(JSON)

@@ -9,7 +9,7 @@ from tests.service.cli.conftest import Run
 from tests.service.sources.support import put
 from tests.service.support import small_file
 
-TAGS = ["printed", "2026", "mesh", "small", "first"]
+TAGS = ["printed", "2026", "mesh", "small", "first", "good"]
 
 
 def rows(table: str) -> list[list[str]]:
@@ -26,7 +26,7 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     assert (added.status, rows(added.stdout)) == (0, [["models", "ready", "1", "0", "1"]])
     assert f"{folder}/bad.off: " in added.stderr
     (shape,) = archive.shapes()
-    assert (shape.name, shape.tags) == ("a.off", TAGS)
+    assert (shape.name, shape.tags) == ("a.off", TAGS[:-1])
     assert "is the source 'models' already" in run("library", "add", folder, *at).stderr
 
     folder.rename(tmp_path / "away")
@@ -36,7 +36,8 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     confirmed = run("library", "confirm", "models", *at)
     assert (confirmed.status, rows(confirmed.stdout)) == (0, [["models", "ready", "0", "1", "0"]])
     (tmp_path / "away").rename(folder)
-    assert rows(run("library", "rescan", "models", *at).stdout) == [["models", "ready", "1", "0", "1"]]
+    ruled = run("library", "rule", "models", "--rule", "a*=good,first", *at)
+    assert rows(ruled.stdout) == [["models", "ready", "1", "0", "1"]]
 
     assert run("library", "remove", folder, *at).status == 0
     assert rows(run("library", *at).stdout) == []

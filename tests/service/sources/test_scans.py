@@ -11,6 +11,7 @@ import pytest
 
 from service.shapes.service import ingest
 from service.sources import reading, scanner, storing
+from service.sources.service import forget_removed
 from service.storage.in_place import open_beneath
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
@@ -70,15 +71,47 @@ def test_rules_tag_new_shapes_by_their_paths(running: Running, root: Path) -> No
             for path, shape in library.shapes().items()
         }
         assert tags == {"b.off": ["found"], "brackets/a v2.off": ["found", "bracket", "metal", "draft"]}
-        changed = running.client.put(f"/sources/{library.id}/rules", json={"rules": {"c*": ["new"]}})
-        assert changed.json()["rules"] == {"c*": ["new"]}
-        put(root / "brackets" / "c v2.off", small_file(13))
+
+
+def test_rules_that_change_tag_stored_shapes_too(running: Running, root: Path) -> None:
+    """And a file that the rules gave too many tags is read again."""
+    put(root / "a.off", small_file(11))
+    put(root / "b.off", small_file(12))
+    many = {f"{letter}*": [f"{letter}{i}" for i in range(31)] for letter in "ab"}
+    with Library.of(running, root, tags=["found"], rules={**many, "b.off": ["one more"]}) as library:
+        assert library.read()["counts"]["refused"] == 1
+        assert "at most 32 tags" in library.files()["b.off"]["problem"]["detail"]
+        rules = {"*.off": ["x"], "a*": ["a0", "y"], "b*": ["b"]}
+        changed = running.client.put(f"/sources/{library.id}/rules", json={"rules": rules})
+        assert (changed.json()["rules"], changed.json()["state"]) == (rules, "waiting")
+        assert library.wait()["counts"]["present"] == 2
+        shapes = library.shapes()
+        tags = {path: running.client.get(f"/shapes/{shape}").json()["tags"] for path, shape in shapes.items()}
+        # One has no room for two more tags.
+        assert tags == {"a.off": ["found", *many["a*"]], "b.off": ["found", "x", "b"]}
+        running.client.put(f"/sources/{library.id}/rules", json={"rules": {"*.off": ["z"]}})
+        library.wait()
+        assert running.client.get("/shapes", params={"tag": "z"}).json()["total"] == 1
+        assert running.client.patch(f"/shapes/{shapes['b.off']}", json={"tags": []}).status_code == 200
         library.rescan()
-        (shape,) = running.client.get("/shapes", params={"tag": "new"}).json()["shapes"]
-        assert (shape["name"], shape["tags"]) == ("c v2.off", ["found", "new"])
+        assert running.client.get(f"/shapes/{shapes['b.off']}").json()["tags"] == []
+
+
+def test_wrong_rules_are_refused(running: Running, root: Path) -> None:
     for pattern in ("!", "!a", "# a", "/", "*" * 20 + "a", "a*b*c*d*/e*"):
         wrong = running.client.post("/sources", json={"path": str(root), "rules": {pattern: ["a"]}})
         assert_problem(wrong, 422, "bad-request-fields")
+
+
+def test_a_shape_that_is_restored_outlives_its_source(running: Running, root: Path) -> None:
+    put(root / "a.off", small_file(1))
+    with Library.of(running, root) as library:
+        shape = library.shapes()["a.off"]
+    assert running.client.post(f"/shapes/{shape}/restore").status_code == 200
+    (root / "a.off").unlink()
+    for keep in (timedelta(days=7), timedelta(0)):
+        forget_removed(running.container.database, keep)
+        assert running.client.get(f"/shapes/{shape}/file").content == small_file(1)
 
 
 def test_a_vanished_file_is_missing_and_comes_back(library: Library, root: Path) -> None:
