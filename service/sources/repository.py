@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Row, delete, func, insert, or_, select, update
+from sqlalchemy import Row, bindparam, delete, func, insert, or_, select, update
 
 from service.collection import CollectionNumber
 from service.shapes import repository as shapes_repository
@@ -182,6 +182,7 @@ def write(
 ) -> None:
     """Write a file as it was found, with further columns, in place of what was known of its path."""
     columns = {**as_found(found), "kind": None, "detail": None, "missing_since": None, **values}
+    (columns,) = _without_erased(session, [columns])
     if known is not None:
         session.execute(update(SourceFileRow).where(SourceFileRow.number == known.number).values(columns))
     else:
@@ -190,12 +191,26 @@ def write(
 
 def add_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
     """Add files; `rows` have all columns."""
-    session.execute(insert(SourceFileRow), [dict(row) for row in rows])
+    session.execute(insert(SourceFileRow), _without_erased(session, rows))
 
 
 def update_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write the same columns of several files, each given with its `number`."""
-    session.execute(update(SourceFileRow), [dict(row) for row in rows])
+    """Write the same columns of several files, each given with its `number`, unless they were deleted."""
+    values = [{"of_file": row.pop("number"), **row} for row in _without_erased(session, rows)]
+    of_file = SourceFileRow.number == bindparam("of_file")
+    session.connection().execute(update(SourceFileRow).where(of_file), values)
+
+
+def _without_erased(session: ReadSession, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return columns of files, with null for shapes that were erased after they had been read."""
+    shapes = {row.get("shape_number") for row in rows} - {None}
+    if not shapes:
+        return [dict(row) for row in rows]
+    present = set(session.scalars(select(ShapeRow.number).where(ShapeRow.number.in_(shapes))))
+    return [
+        {**row, "shape_number": row["shape_number"] if row["shape_number"] in present else None}
+        for row in rows
+    ]
 
 
 def forget(session: WriteSession, numbers: Collection[int]) -> None:

@@ -10,9 +10,11 @@ from typing import Any
 import pytest
 
 from service.shapes.service import ingest
-from service.sources import reading, scanner, storing
+from service.sources import reading, repository, scanner, storing
 from service.sources.service import forget_removed
+from service.storage.database import WriteSession, erase
 from service.storage.in_place import open_beneath
+from service.storage.tables import ShapeRow
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
 from tests.service.support import Running, assert_problem, small_file
@@ -240,6 +242,22 @@ def test_a_deleted_shape_stays_deleted_until_its_file_changes(library: Library, 
     put(root / "inner" / "b.off", small_file(8))
     library.rescan()
     assert library.shapes()["inner/b.off"] not in {None, shape}
+
+
+def test_a_scan_goes_on_when_shapes_and_files_of_it_are_erased_meanwhile(
+    library: Library, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writing = storing.FileStorer._put
+
+    def late(self: Any, session: WriteSession, *arguments: Any) -> None:
+        erase(session, ShapeRow.number == arguments[3]["shape_number"])
+        repository.update_all(session, [{"number": 10**9, "state": "present"}])
+        writing(self, session, *arguments)
+
+    monkeypatch.setattr(storing.FileStorer, "_put", late)
+    put(root / "again.off", small_file(2))
+    assert library.rescan()["state"] == "ready"
+    assert library.shapes()["inner/b.off"] is library.shapes()["again.off"] is None
 
 
 def test_copies_are_downloaded_although_the_folder_is_gone(
