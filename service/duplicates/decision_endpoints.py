@@ -85,9 +85,9 @@ def delete_decision(decision_id: DecisionId, container: Service, collection: InC
     responses=documented("shape-not-found", *WRITE_PROBLEMS),
 )
 def merge(wanted: Merge, container: Service, collection: InCollection) -> MergedShape:
-    """Give one shape the tags and metadata of all, and delete the others, which can be restored.
+    """Give one shape the tags and metadata of all, and delete the others.
 
-    Its own metadata override those of the others.
+    Its own metadata override those of the others. Deleted shapes can be restored for ISOSHAPE_UNDO_DAYS.
     """
     with container.database.write() as session:
         undo = container.settings.undo_time
@@ -116,7 +116,7 @@ async def undo_merge(
 @router.post(
     "/duplicates/rule",
     summary="Decide or merge by a rule",
-    responses=documented(*JUDGING_PROBLEMS, *WRITE_PROBLEMS),
+    responses=documented("shape-not-found", *JUDGING_PROBLEMS, *WRITE_PROBLEMS),
 )
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them."""

@@ -118,7 +118,9 @@ class MergedShape(BaseModel):
 
     shape: Shape
     former: Shape = Field(description="The same shape as it was.")
-    deleted: list[str] = Field(description="The ids of the deleted shapes, which can be restored.")
+    deleted: list[str] = Field(
+        description="The ids of the deleted shapes, which can be restored for ISOSHAPE_UNDO_DAYS."
+    )
 
 
 class MergeUndo(BaseModel):

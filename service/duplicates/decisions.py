@@ -125,6 +125,7 @@ async def undo_merge(container: Container, collection: CollectionNumber, wanted:
     def is_there(session: ReadSession, shape_id: str) -> bool:
         return shapes_repository.by_id(session, collection, shape_id) is not None
 
+    await container.database.reading(shapes_service.get, collection, wanted.shape)
     for shape_id in wanted.deleted:
         if not await container.database.reading(is_there, shape_id):
             await shapes_service.restore(container, collection, shape_id)

@@ -144,6 +144,10 @@ def test_a_merge_joins_what_was_written_and_can_be_undone(service: Running) -> N
     assert [shape["id"] for shape in client.get("/shapes").json()["shapes"]] == [ids[1]]
     former = {name: merged["former"][name] for name in ("tags", "metadata")}
     undo = {"shape": ids[1], **former, "deleted": merged["deleted"]}
+    # Nothing is restored where the rest cannot be undone.
+    lost = client.post("/duplicates/merge/undo", json={**undo, "shape": "unknown"})
+    assert_problem(lost, 404, "shape-not-found")
+    assert client.get("/shapes").json()["total"] == 1
     # A call that was cut off has restored some shapes, and is repeated.
     assert client.post(f"/shapes/{ids[0]}/restore").status_code == 200
     for _ in range(2):
