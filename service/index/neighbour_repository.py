@@ -22,6 +22,9 @@ log = get_logger("search")
 
 Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
 
+AT_ONCE = 10_000
+"""Rows that one statement reads: PostgreSQL takes no more than 65,535 values."""
+
 NEIGHBOUR = np.dtype([("shape", "<i8"), ("log_odds", "<f4")])
 """A neighbour in the bytes of a row."""
 
@@ -30,10 +33,14 @@ def neighbour_rows(session: ReadSession, fingerprint: str, shapes: Ints | None =
     """Return the rows, by a pipeline, of some shapes or of all; damaged ones are left out, and logged."""
     row = NeighboursRow
     query = select(row.shape_number, row.data, row.checksum).where(row.fingerprint == fingerprint)
+    queries = [query]
     if shapes is not None:
-        query = query.where(row.shape_number.in_(shapes.tolist()))
+        numbers = np.sort(shapes).tolist()
+        batches = (numbers[start : start + AT_ONCE] for start in range(0, len(numbers), AT_ONCE))
+        queries = [query.where(row.shape_number.in_(batch)) for batch in batches]
+    rows = (each for query in queries for each in session.execute(query.order_by(row.shape_number)))
     found = []
-    for number, data, checksum in session.execute(query.order_by(row.shape_number)):
+    for number, data, checksum in rows:
         if is_whole(data, checksum):
             found.append((number, np.frombuffer(data, NEIGHBOUR)))
         else:

@@ -17,10 +17,21 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from anyio import to_thread
-from sqlalchemy import ColumnElement, Connection, Engine, delete, insert, make_url, select, text, update
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Select,
+    delete,
+    insert,
+    make_url,
+    select,
+    text,
+    update,
+)
 from sqlalchemy.exc import DatabaseError, DBAPIError, IntegrityError, InterfaceError
 from sqlalchemy.exc import TimeoutError as NoConnectionError
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from service.collection import DEFAULT_COLLECTION
 from service.errors import ArchiveTooNewError, StorageFullError, StorageUnavailableError
@@ -48,8 +59,8 @@ POSTGRESQL_DISK_FULL = "53100"
 THREADS = 4
 """The most threads at a time that read or write for light requests; more would wait for each other."""
 
-WORDS_AT_ONCE = 10_000
-"""Words that one statement erases."""
+AT_ONCE = 10_000
+"""Words or files that one statement erases: PostgreSQL takes no more than 65,535 values."""
 
 _has_turn: ContextVar[bool] = ContextVar("has_turn", default=False)
 
@@ -320,27 +331,32 @@ def drop_unused(session: WriteSession, blobs: Collection[int]) -> None:
 
     A deleted shape has its file until it is erased.
     """
-    used = select(ShapeRow.number).where(
+    in_format = select(ShapeRow.number).where(
         ShapeRow.blob_number == EmbeddingRow.blob_number, ShapeRow.format == EmbeddingRow.format
     )
-    session.execute(
-        delete(EmbeddingRow).where(EmbeddingRow.blob_number.in_(blobs), ~used.exists()),
-        execution_options={"synchronize_session": False},
-    )
+    _drop(session, EmbeddingRow, EmbeddingRow.blob_number, blobs, in_format)
     used = select(ShapeRow.number).where(ShapeRow.blob_number == BlobRow.number)
-    session.execute(
-        delete(BlobRow).where(BlobRow.number.in_(blobs), ~used.exists()),
-        execution_options={"synchronize_session": False},
-    )
+    _drop(session, BlobRow, BlobRow.number, blobs, used)
 
 
 def drop_unused_words(session: WriteSession, words: Collection[int]) -> None:
     """Erase those of some words that no shape has, deleted or not."""
     used = select(ShapeWordRow.word_number).where(ShapeWordRow.word_number == WordRow.number)
-    numbers = sorted(words)
-    for start in range(0, len(numbers), WORDS_AT_ONCE):
-        unused = WordRow.number.in_(numbers[start : start + WORDS_AT_ONCE]), ~used.exists()
-        session.execute(delete(WordRow).where(*unused), execution_options={"synchronize_session": False})
+    _drop(session, WordRow, WordRow.number, words, used)
+
+
+def _drop(
+    session: WriteSession,
+    table: type[Table],
+    column: InstrumentedAttribute[int],
+    numbers: Collection[int],
+    used: Select[int],
+) -> None:
+    """Erase the rows of a table with some numbers in a column that a query finds no use of."""
+    ordered = sorted(numbers)
+    for start in range(0, len(ordered), AT_ONCE):
+        unused = column.in_(ordered[start : start + AT_ONCE]), ~used.exists()
+        session.execute(delete(table).where(*unused), execution_options={"synchronize_session": False})
 
 
 _FOLDER = Path(__file__).parent / "migrations"

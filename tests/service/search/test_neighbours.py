@@ -122,8 +122,12 @@ def test_neighbours_are_near_each_other_on_the_map(stocked: tuple[Running, dict[
 
 
 @on_both
-def test_families_are_the_classes(stocked: tuple[Running, dict[str, str]]) -> None:
+def test_families_are_the_classes(
+    stocked: tuple[Running, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However few rows are read at once."""
     running, _ = stocked
+    monkeypatch.setattr(neighbour_repository, "AT_ONCE", 4)
     found = running.client.get("/families").json()
     families = [{shape["name"] for shape in family["shapes"]} for family in found["families"]]
     assert families == [{f"{label}{pose}" for pose in range(POSES)} for label in LABELS]

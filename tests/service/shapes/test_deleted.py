@@ -9,7 +9,8 @@ from core.parameters import DEFAULT
 from service.client import Client
 from service.pipelines import repository as pipelines
 from service.shapes.service import purge_old
-from service.storage.tables import NOT_DELETED, BlobRow, EmbeddingRow, ShapeRow
+from service.storage import database
+from service.storage.tables import NOT_DELETED, BlobRow, EmbeddingRow, ShapeRow, WordRow
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, module_service, small_file
 
@@ -180,6 +181,16 @@ def test_a_purged_or_too_old_shape_cannot_be_restored(service: Running) -> None:
         assert service.rows(ShapeRow, ~NOT_DELETED) == 1
         purge_old(service.container.database, timedelta(days=DAYS))
         assert service.rows(ShapeRow, ~NOT_DELETED) == 0
+
+
+def test_many_deletions_are_purged_batch_by_batch(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(database, "AT_ONCE", 1)
+    for number in range(3):
+        service.store(small_file(number), f"{number}.off")
+    service.clear(permanent=False)
+    assert service.rows(BlobRow) == 3
+    purge_old(service.container.database, timedelta(0))
+    assert [service.rows(table) for table in (BlobRow, EmbeddingRow, WordRow)] == [0, 0, 0]
 
 
 def test_deleted_shapes_are_listed_in_the_order_of_their_deletion(service: Running) -> None:
