@@ -11,6 +11,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Container, Iterator
+from copy import copy
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Annotated, BinaryIO
@@ -110,7 +111,7 @@ def check_zip(file: BinaryIO) -> None:
         raise UnknownArchiveError("the file is not a zip")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class _Entry:
     """An entry of the directory; sizes in bytes, `offset` of its local header."""
 
@@ -216,6 +217,12 @@ class ZipArchive:
         if total > most:
             raise ArchiveTooLargeError(f"it unpacks to {total} bytes, more than {most}")
         return members
+
+    def on(self, file: BinaryIO) -> "ZipArchive":
+        """Return the same zip on another open file of the same bytes, without reading its directory again."""
+        other = copy(self)
+        other._file, other._unpacked_bytes = file, 0
+        return other
 
     def read(self, wanted: Container[int]) -> Iterator[tuple[int, bytes | MemberFault]]:
         """Yield the positions of the wanted members with their bytes, or the reasons of refusal, in order."""

@@ -1,7 +1,7 @@
 """The meshes in zip files of a source: their paths, without unpacking any, and their bytes."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
 from threading import Lock
@@ -10,7 +10,13 @@ from typing import Any
 from cachetools import LRUCache, cachedmethod
 
 from service.errors import ServiceError
-from service.jobs.zip_archive import ArchiveMember, ArchiveTooLargeError, ReadDirectory, ZipArchive
+from service.jobs.zip_archive import (
+    ArchiveMember,
+    ArchiveTooLargeError,
+    MemberFault,
+    ReadDirectory,
+    ZipArchive,
+)
 from service.settings import Settings
 from service.sources.reading import FileInMotionError, FileUnreadableError, opened
 from service.sources.walk import PATH_BYTES, FoundFile, RootMissingError, Tree, endings, normal
@@ -19,11 +25,19 @@ MEMBERS = 20_000
 """Archives, and meshes in them, whose paths are kept in memory."""
 
 
+@dataclass(frozen=True)
+class Directory:
+    """An archive, and the meshes in it, each with its position and the reason of its refusal."""
+
+    archive: ZipArchive
+    meshes: dict[FoundFile, tuple[int, MemberFault | None]]
+
+
 class Directories:
-    """The members of archives that scans have read, so that an unchanged archive is not read again."""
+    """The directories of archives that scans have read, so that an unchanged archive is not read again."""
 
     def __init__(self) -> None:
-        self.members: LRUCache[Any, list[FoundFile]] = LRUCache(MEMBERS, lambda members: len(members) + 1)
+        self.read: LRUCache[Any, Directory] = LRUCache(MEMBERS, lambda directory: len(directory.meshes) + 1)
         self.lock = Lock()
 
 
@@ -58,7 +72,7 @@ class Archives:
             if stopped():
                 raise RootMissingError("the scan was stopped")
             try:
-                members = self._meshes(archive)
+                members = self._directory(archive).meshes
             except FileInMotionError:
                 moving += 1
                 tree.unread[normal(archive.path)] = "the file is being written"
@@ -82,31 +96,35 @@ class Archives:
         """
         archive = found.archive
         assert archive is not None
+        try:
+            directory = self._directory(archive)
+        except ServiceError as error:
+            # The scan has read it once: time or memory is short, or the disk fails.
+            raise FileUnreadableError(str(error)) from error
+        if found not in directory.meshes:
+            raise FileInMotionError
+        position, fault = directory.meshes[found]
+        if fault is not None:
+            raise fault
         with opened(self._root, archive) as file:
-            try:
-                content = ZipArchive(file, self._limits, self._read_directory)
-                members = content.members()
-            except ServiceError as error:
-                # The scan has read its directory: time or memory is short, or the disk fails.
-                raise FileUnreadableError(str(error)) from error
-            for position, member in enumerate(members):
-                if _found(archive, member).path == found.path:
-                    if member.fault is not None:
-                        raise member.fault
-                    for _, data in content.read({position}):
-                        if isinstance(data, bytes):
-                            return data
-                        raise data
-        raise FileInMotionError
+            ((_, data),) = directory.archive.on(file).read({position})
+        if isinstance(data, bytes):
+            return data
+        raise data
 
-    @cachedmethod(lambda self: self._directories.members, lock=lambda self: self._directories.lock)
-    def _meshes(self, archive: FoundFile) -> list[FoundFile]:
+    @cachedmethod(lambda self: self._directories.read, lock=lambda self: self._directories.lock)
+    def _directory(self, archive: FoundFile) -> Directory:
         if archive.size > self._limits.max_archive_bytes:
             raise ArchiveTooLargeError(f"the archive has more than {self._limits.max_archive_bytes} bytes")
         with opened(self._root, archive) as file:
-            members = ZipArchive(file, self._limits, self._read_directory).members()
-        found = (_found(archive, member) for member in members if _is_mesh(member.path))
-        return [file for file in found if len(file.path.encode()) <= PATH_BYTES]
+            content = ZipArchive(file, self._limits, self._read_directory)
+            members = content.members()
+        meshes: dict[FoundFile, tuple[int, MemberFault | None]] = {}
+        for position, member in enumerate(members):
+            found = _found(archive, member)
+            if _is_mesh(member.path) and len(found.path.encode()) <= PATH_BYTES:
+                meshes.setdefault(found, (position, member.fault))
+        return Directory(content, meshes)
 
 
 def _is_mesh(path: str) -> bool:

@@ -1,12 +1,14 @@
 """Zip files in a folder: their meshes are files of the source."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from service.jobs.zip_archive import MalformedArchiveError, ZipArchive
+from service.compute.sandbox import zip_directory
+from service.errors import TaskTimeLimitError
 from service.sources import archives
+from service.sources.reading import FileUnreadableError
+from service.sources.walk import find_files
 from tests.service.engines import on_both
 from tests.service.jobs.support import pack
 from tests.service.sources.support import Library, put
@@ -81,23 +83,20 @@ def test_files_that_are_packed_keep_their_shapes_and_bytes(running: Running, roo
             assert running.client.get(f"/shapes/{shapes[name]}/file").content == small_file(number)
 
 
-def test_a_member_is_read_again_if_its_zip_could_not_be(
-    running: Running, root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_member_is_unreadable_while_its_zip_is(running: Running, root: Path) -> None:
+    """As if its directory had been forgotten, and there were no time to read it."""
     put(root / "kit.zip", pack({"a.off": small_file(1)}))
-    opened = []
+    settings, tree = running.container.settings, find_files(root)
+    read = archives.Archives(root, settings, zip_directory, archives.Directories())
+    assert read.add_members(tree) == 0
+    (member,) = tree.files.values()
 
-    def failing(*arguments: Any) -> ZipArchive:
-        opened.append(arguments)
-        if len(opened) > 1:
-            raise MalformedArchiveError("no time")
-        return ZipArchive(*arguments)
+    def slow(*_: object) -> bytes:
+        raise TaskTimeLimitError
 
-    monkeypatch.setattr(archives, "ZipArchive", failing)
-    with Library.of(running, root) as library:
-        assert library.files()["kit.zip/a.off"]["state"] == "unreadable"
-        monkeypatch.setattr(archives, "ZipArchive", ZipArchive)
-        assert library.rescan()["counts"]["present"] == 1
+    with pytest.raises(FileUnreadableError):
+        archives.Archives(root, settings, slow, archives.Directories()).read(member)
+    assert read.read(member) == small_file(1)
 
 
 def test_an_unchanged_zip_is_read_once(running: Running, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
