@@ -105,7 +105,7 @@ class Archives:
             raise FileInMotionError
         position, fault = directory.meshes[found]
         if fault is not None:
-            raise fault
+            raise fault.with_traceback(None)
         with opened(self._root, archive) as file:
             ((_, data),) = directory.archive.on(file).read({position})
         if isinstance(data, bytes):
@@ -123,7 +123,9 @@ class Archives:
         for position, member in enumerate(members):
             found = _found(archive, member)
             if _is_mesh(member.path) and len(found.path.encode()) <= PATH_BYTES:
-                meshes.setdefault(found, (position, member.fault))
+                # The frames of its traceback hold all members.
+                fault = member.fault and member.fault.with_traceback(None)
+                meshes.setdefault(found, (position, fault))
         return Directory(content, meshes)
 
 
