@@ -37,7 +37,7 @@ DRIFT = 0.01
 def stored(setting):
     """A pipeline, and the embeddings of the stored shapes under it."""
     pipeline = Pipeline(SETTINGS[setting])
-    return pipeline, [pipeline.embed(make_shape(*shape)) for shape in STORED]
+    return pipeline, [pipeline.embed(make_shape(*shape), ()) for shape in STORED]
 
 
 @cache
@@ -65,7 +65,7 @@ def test_a_shape_given_otherwise_has_the_same_neighbours(setting, shape, change)
     pipeline, embeddings = stored(setting)
     place = STORED.index(shape)
     expected = answer(setting, place)
-    cc = pipeline.score(pipeline.embed(SAME_SHAPE[change](make_shape(*shape))), embeddings).cc
+    cc = pipeline.score(pipeline.embed(SAME_SHAPE[change](make_shape(*shape)), ()), embeddings).cc
     assert np.abs(cc - expected).max() <= DRIFT
     assert nearest(cc) == nearest(expected)
     assert nearest(cc)[0] == place
@@ -75,7 +75,7 @@ def test_a_shape_given_otherwise_has_the_same_neighbours(setting, shape, change)
 def test_a_random_draw_belongs_to_the_shape_and_not_to_the_file(change):
     pipeline = Pipeline(DEFAULT.with_values(sampling={"selection": "random-draw"}))
     mesh = make_shape("person", 0)
-    expected, found = pipeline.embed(mesh), pipeline.embed(SAME_SHAPE[change](mesh))
+    expected, found = pipeline.embed(mesh, ()), pipeline.embed(SAME_SHAPE[change](mesh), ())
     assert pipeline.match(expected, found).cc >= 1.0 - DRIFT
     np.testing.assert_allclose(found.signature, expected.signature, atol=1e-3)
 
@@ -89,13 +89,13 @@ def too_large():
     pipeline = Pipeline(DEFAULT.with_values(mesh={"decimate_above": 3000, "decimate_to": 2000}))
     mesh = subdivided(make_shape("person", 0))
     assert len(mesh.vertices) > 3000
-    return pipeline, mesh, pipeline.embed(mesh)
+    return pipeline, mesh, pipeline.embed(mesh, ())
 
 
 @pytest.mark.parametrize("change", ["turned", "vertices shuffled", "faces shuffled", "all of these"])
 def test_a_mesh_too_large_is_simplified_alike_however_it_is_given(change):
     pipeline, mesh, expected = too_large()
-    found = pipeline.embed(SAME_SHAPE[change](mesh))
+    found = pipeline.embed(SAME_SHAPE[change](mesh), ())
     _, embeddings = stored("default")
     others = [replace(other, fingerprint=pipeline.fingerprint) for other in embeddings]
     drift = pipeline.score(found, others).cc - pipeline.score(expected, others).cc
@@ -108,7 +108,7 @@ def test_a_stored_shape_is_found_first_when_it_is_cut_turned_and_simplified(plac
     """`tests/soak/method` has the subdivided and the halved meshes of all classes."""
     pipeline, embeddings = stored("default")
     remeshed = decimated(turned(subdivided(make_shape(*STORED[place])), 4), 0.3)
-    cc = pipeline.score(pipeline.embed(remeshed), embeddings).cc
+    cc = pipeline.score(pipeline.embed(remeshed, ()), embeddings).cc
     assert nearest(cc)[0] == place
     assert cc[place] > 0.95
 
@@ -134,7 +134,7 @@ def symmetric(setting):
     """A pipeline, and embeddings of shapes full of ties, which rounding must not decide."""
     pipeline = Pipeline({"default": DEFAULT, "paper": PAPER}[setting])
     meshes = [*SYMMETRIC.values(), *(make_shape(label, 0) for label in ASYMMETRIC)]
-    return pipeline, [pipeline.embed(mesh) for mesh in meshes]
+    return pipeline, [pipeline.embed(mesh, ()) for mesh in meshes]
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
@@ -144,7 +144,7 @@ def test_a_symmetric_shape_given_otherwise_has_the_same_neighbours(name, setting
     place = list(SYMMETRIC).index(name)
     expected = pipeline.score(embeddings[place], embeddings).cc
     for change in ("turned", "vertices shuffled", "all of these"):
-        found = pipeline.embed(SAME_SHAPE[change](SYMMETRIC[name]))
+        found = pipeline.embed(SAME_SHAPE[change](SYMMETRIC[name]), ())
         cc = pipeline.score(found, embeddings).cc
         assert np.abs(cc - expected).max() <= DRIFT, change
         assert (np.argsort(-cc)[:3] == np.argsort(-expected)[:3]).all(), change
@@ -156,5 +156,5 @@ def test_nor_does_rounding_to_single_precision(name):
     pipeline, embeddings = symmetric("default")
     place = list(SYMMETRIC).index(name)
     turned = SAME_SHAPE["turned"](SYMMETRIC[name])
-    rounded = pipeline.embed(Mesh(turned.vertices.astype(np.float32), turned.faces))
+    rounded = pipeline.embed(Mesh(turned.vertices.astype(np.float32), turned.faces), ())
     assert pipeline.match(rounded, embeddings[place]).cc >= 1.0 - DRIFT
