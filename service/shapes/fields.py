@@ -114,7 +114,7 @@ def listed(value: object) -> object:
     return value
 
 
-Id = Annotated[str, AfterValidator(clean_id), Field(max_length=64)]
+Id = Annotated[str, Field(max_length=64), AfterValidator(clean_id)]
 """An id in a request."""
 
 Name = Annotated[
