@@ -114,7 +114,7 @@ DEGENERATE["one coordinate twice"] = decaying_cloud(2, 30, 6)[:, [0, 1, 2, 3, 4,
 
 @pytest.mark.parametrize("cloud", DEGENERATE.values(), ids=DEGENERATE)
 def test_points_that_leave_the_affine_part_open_are_solved_the_other_way(cloud):
-    points = cloud.astype(np.float64)
+    points = np.ascontiguousarray(cloud, dtype=np.float64)
     found = compiled_spline_operators(points, 3, 1.0)
     assert found == pytest.approx(spline_operators(points, 3, 1.0).astype(np.float64), abs=1e-6)
     assert np.isfinite(found).all()
