@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import threading
 import time
 import uuid
@@ -22,7 +23,7 @@ from tests.service.support import small_file, wait_until
 from tests.soak.memory import Growth, Watch, growth
 
 MINUTES = max(5.0, float(os.environ.get("MINUTES") or 5))
-CLIENTS = 8
+CLIENTS, WORKERS = 8, 2
 KEPT = 20
 """Shapes that each client keeps; beyond, it deletes."""
 WARM_UP, JUDGED = 2_000, MINUTES - 2.0
@@ -136,6 +137,18 @@ def table(clients: list[Client], memory: dict[str, Growth]) -> str:
     return "\n".join([*lines, *(f"{name}, MiB: {growth}" for name, growth in memory.items())])
 
 
+def is_warm(client: httpx.Client, answers: int) -> bool:
+    """Whether all processes run: a further worker and reader start when background work meets requests."""
+    if answers < WARM_UP:
+        return False
+    metrics = client.get("/metrics").text
+    processes = [
+        sum(map(int, re.findall(rf"^isoshape_{name}{{.*}} (\d+)", metrics, re.MULTILINE)))
+        for name in ("workers", "readers")
+    ]
+    return min(processes) > WORKERS or answers >= 2 * WARM_UP
+
+
 def grows(growth: Growth) -> bool:
     """Whether memory grows faster than `MOST_SLOPE`, and by more than `MOST_GROWTH` in all."""
     return growth.slope > MOST_SLOPE and growth.last - growth.first > MOST_GROWTH
@@ -143,7 +156,7 @@ def grows(growth: Growth) -> bool:
 
 def test_under_mixed_load_all_is_answered_and_memory_does_not_grow(tmp_path: Path) -> None:
     # A short queue, so that back-pressure is part of the load.
-    with server(tmp_path, ISOSHAPE_WORKERS="2", ISOSHAPE_QUEUE_LENGTH="4") as (process, client):
+    with server(tmp_path, ISOSHAPE_WORKERS=str(WORKERS), ISOSHAPE_QUEUE_LENGTH="4") as (process, client):
         over = threading.Event()
         clients = [Client(str(client.base_url), over) for _ in range(CLIENTS)]
         with Watch(process.pid, every_seconds=2.0) as watch:
