@@ -35,7 +35,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[str | int | None, ...]]] = {
 """Type and shape of each array of an embedding: m samples, e edges, None any length above 0."""
 
 LEVEL = 1
-"""Of deflating: the highest takes ten times as long and saves 8 %."""
+"""The level of deflate: the highest takes ten times as long and saves 8 %."""
 
 MOST_BYTES = 1 << 28
 """Most bytes of an inflated record: those of 10,000 samples are a hundredth."""

@@ -19,7 +19,7 @@ def depth_images(points: Floats, faces: Ints, axes: Floats, size: int) -> Float3
     ----------
     points : float64, shape (n, 3)
     faces : int64, shape (f, 3)
-        Of either orientation.
+        Triangles of either orientation.
     axes : float64, shape (3, 3)
         Rows are orthonormal.
     size : int

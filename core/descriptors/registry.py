@@ -43,7 +43,7 @@ class DescribedSurface:
     boundary_ratio : float
         See `core.descriptors.facts.boundary_ratio`.
     eigenvalues : float64, shape (at most SPECTRUM,)
-        Of the Laplace-Beltrami operator, times the area, ascending; none if the parameters do not ask for it.
+        Eigenvalues of the Laplace-Beltrami operator times the area, ascending; none if not asked for.
     """
 
     cleaned: Mesh

@@ -103,7 +103,7 @@ class DensitySample:
     view_signatures : uint8, shape (m, SIGNATURE_BYTES)
     views : uint8, shape (m, VIEW_BYTES)
     network_views : list of int8 arrays
-        Of those that have them.
+        The views of the shapes that have them.
     mean_views : float32, shape (n, FEATURES)
         `core.descriptors.network_views.mean_view` of those.
     with_network : bool, shape (m,)

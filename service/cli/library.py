@@ -47,7 +47,7 @@ def library_command(
     """List, add, scan and remove folders that stay in place.
 
     The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
-    `add` stores them, and `rescan` what has changed since, in one source or in all; `isoshape serve` does so
+    `add` stores them, and `rescan` what has changed since, in one source or in all; `isoshape serve` rescans
     by itself. `rule` sets the rules of a source, by which its shapes are tagged. A source is offline if its
     folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
     `confirm` says that the files are gone for good. `remove` deletes the shapes of a source; for a time,
@@ -58,6 +58,8 @@ def library_command(
     """
     if target is None and action in {"add", "rule", "confirm", "remove"}:
         fail(f"library {action} needs a name", status=2)
+    if action == "rule" and rule is None:
+        fail("library rule needs --rule; --rule '' takes all rules away", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
         if action == "list":
             _print(client.sources().sources)
@@ -81,7 +83,7 @@ def library_command(
 def _rules(rules: list[str]) -> dict[str, list[str]]:
     """Return tags by patterns, from texts of the form PATTERN=TAGS."""
     by_pattern: dict[str, list[str]] = {}
-    for rule in rules:
+    for rule in filter(None, rules):
         pattern, _, tags = rule.rpartition("=")
         if not (pattern and split_tags([tags])):
             fail(f"--rule {rule}: write a pattern, = and tags", status=2)

@@ -18,7 +18,7 @@ from service.duplicates.decision_schemas import (
 )
 from service.duplicates.endpoints import JUDGING_PROBLEMS
 from service.http.middleware import KEY_IN_SCOPE, while_connected
-from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WRITE_PROBLEMS, documented
+from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
 from service.http.request_bodies import once_each
 from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
@@ -97,9 +97,7 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
 @router.post(
     "/duplicates/merge/undo",
     summary="Undo a merge",
-    responses=documented(
-        *(kind for kind in FILE_PROBLEMS if kind not in {"bad-request", "body-too-large"}), *RESTORE_PROBLEMS
-    ),
+    responses=documented(*RESTORE_PROBLEMS),
 )
 async def undo_merge(
     wanted: MergeUndo, request: Request, container: Service, collection: InCollection

@@ -131,7 +131,11 @@ class ShapeUpload(Replacement):
     )
 
 
-RESTORE_PROBLEMS = ("shape-not-found", "file-in-place", "name-taken", "pipeline-unavailable", *WRITE_PROBLEMS)
+RESTORE_PROBLEMS = (
+    *FILE_PROBLEMS,
+    *("shape-not-found", "file-in-place", "name-taken", "pipeline-unavailable"),
+    *WRITE_PROBLEMS,
+)
 
 router = APIRouter(tags=["shapes"])
 
@@ -407,7 +411,7 @@ def delete_shape(
 @router.post(
     "/shapes/{shape_id}/restore",
     summary="Restore a deleted shape",
-    responses=documented(*FILE_PROBLEMS, *RESTORE_PROBLEMS),
+    responses=documented(*RESTORE_PROBLEMS),
 )
 async def restore_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection

@@ -40,7 +40,7 @@ PIPELINE = Pipeline()
 
 
 class Told(NamedTuple):
-    """What a map of one pair is, and is said to be."""
+    """The truth about the map of one pair, and what is said of it."""
 
     image: bool
     mirrored: bool

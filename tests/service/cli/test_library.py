@@ -38,6 +38,10 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     (tmp_path / "away").rename(folder)
     ruled = run("library", "rule", "models", "--rule", "a*=good,first", *at)
     assert rows(ruled.stdout) == [["models", "ready", "1", "0", "1"]]
+    assert run("library", "rule", "models", *at).status == 2
+    assert archive.sources().sources[0].rules == {"a*": ["good", "first"]}
+    assert run("library", "rule", "models", "--rule", "", *at).status == 0
+    assert archive.sources().sources[0].rules == {}
 
     assert run("library", "remove", folder, *at).status == 0
     assert rows(run("library", *at).stdout) == []

@@ -1,4 +1,4 @@
-"""What native code and Python try in a reader of uploads; a reader imports little to run it."""
+"""Attempts of native code and Python in a reader of uploads; a reader imports little to run them."""
 
 import ctypes
 import os
