@@ -250,7 +250,7 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found.scale == pytest.approx(2.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("family", ["plate", "gear", "shaft"])
+@pytest.mark.parametrize("family", ["plate", "gear", "shaft", "flange", "bracket", "housing"])
 def test_a_longer_part_differs_by_what_it_is_longer(family: Family) -> None:
     """Also where a part that is turned end for end leaves fewer points that deviate."""
     first, second = part(family, Drawing(7, 0.05)), part(family, Drawing(7, 0.05, change="longer"))
