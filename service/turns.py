@@ -94,11 +94,16 @@ class Turns:
     room : float
         The most places held and waited for. When all are taken, the newest wait of the client with the most
         waits gives way to a client that has fewer; one more is for a client that has none.
+    kept_seconds : float
+        Clients that left a place so lately come again: all places but one are kept for them.
     """
 
-    def __init__(self, places: int, room: float = math.inf) -> None:
+    def __init__(self, places: int, room: float = math.inf, *, kept_seconds: float = 0.0) -> None:
         self.room = room
         self._places = places
+        self._kept_seconds = kept_seconds
+        # The moments at which clients left their last places, as long as these are kept.
+        self._left: dict[str, float] = {}
         self._held: Counter[str] = Counter()
         self._waiting: dict[str, deque[Place]] = {}
         # The number of the last place that each client inside got.
@@ -133,6 +138,7 @@ class Turns:
             self._held[place.client] -= 1
             # Clients without a place are forgotten.
             self._held += Counter()
+            self._left[place.client] = time.monotonic()
         else:
             self._forget(place)
         self._give()
@@ -153,7 +159,7 @@ class Turns:
         """Give free places to waiting clients."""
         while self._waiting:
             client = min(self._waiting, key=lambda each: (self._held[each], self._last[each]))
-            if self._held.total() >= self._places + (not self._held[client]):
+            if self._held.total() >= self._places - self._kept(client) + (not self._held[client]):
                 return
             place = self._waiting[client][0]
             self._forget(place)
@@ -162,6 +168,12 @@ class Turns:
                 self._held[client] += 1
                 self._last[client] = self._given
                 place.set_result(None)
+
+    def _kept(self, client: str) -> int:
+        """Return the number of places that are kept for other clients, which hold none now."""
+        oldest = time.monotonic() - self._kept_seconds
+        self._left = {name: moment for name, moment in self._left.items() if moment > oldest}
+        return min(len(self._left.keys() - self._held.keys() - {client}), self._places - 1)
 
     def _make_room(self, newcomer: str) -> None:
         """Refuse the newest wait of the client with the most, unless the newcomer then has more."""

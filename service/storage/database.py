@@ -56,7 +56,7 @@ log = get_logger("storage")
 
 POSTGRESQL_DISK_FULL = "53100"
 
-THREADS = 4
+THREADS = 2
 """The most threads at a time that read or write for light requests; more would wait for each other."""
 
 AT_ONCE = 10_000
@@ -127,7 +127,7 @@ class Database:
         self._metrics = metrics or Metrics()
         self._lock_seconds = lock_seconds
         self._one_writer = threading.Lock()
-        self._turns = Turns(THREADS)
+        self._turns = Turns(THREADS, kept_seconds=1.0)
         named = make_url(url)
         self._lock: ArchiveLock | None
         self._file: DatabaseFile | None

@@ -58,6 +58,30 @@ def test_a_client_that_comes_has_a_place_at_once_and_the_next_waits_for_it() -> 
 
 
 @on_a_loop
+def test_all_places_but_one_are_kept_for_clients_that_left_lately() -> None:
+    turns = Turns(3, kept_seconds=60.0)
+    alone = asked(turns, "b")
+    flood = [asked(turns, "a") for _ in range(9)]
+    assert [place.held for place in flood[:3]] == [True, True, False]
+    turns.leave(alone)
+    assert not flood[2].held
+    for client in "cde":
+        turns.leave(asked(turns, client))
+    turns.leave(flood[0])
+    turns.leave(flood[1])
+    assert [place.held for place in flood[2:4]] == [True, False]
+    again = asked(turns, "b")
+    assert again.held
+
+
+@on_a_loop
+def test_no_place_is_kept_for_a_client_that_does_not_come_again() -> None:
+    turns = Turns(3, kept_seconds=1e-9)
+    turns.leave(asked(turns, "b"))
+    assert [asked(turns, "a").held for _ in range(3)] == [True, True, True]
+
+
+@on_a_loop
 def test_clients_that_wait_have_turns_however_many_waits_each_has() -> None:
     """Clients have 40, 3 and 1 requests, and the request that has its place for longest ends first."""
     turns = Turns(1)

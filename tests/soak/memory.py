@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ import psutil
 
 MIB = 1024 * 1024
 Measure = Callable[[psutil.Process], float]
+Summary = Callable[[Iterable[float]], float]
 
 
 def resident(process: psutil.Process) -> float:
@@ -23,13 +24,13 @@ def proportional(process: psutil.Process) -> float:
     return process.memory_full_info().pss / MIB
 
 
-def memory(pid: int, measure: Measure = resident) -> tuple[float, float]:
-    """MiB of a service, and of its readers and workers together, without those that have just ended."""
-    service, workers = psutil.Process(pid), 0.0
+def memory(pid: int, measure: Measure = resident, summary: Summary = sum) -> tuple[float, float]:
+    """MiB of a service, and the sum of its readers and workers, without those that have just ended."""
+    service, workers = psutil.Process(pid), [0.0]
     for process in service.children(recursive=True):
         with suppress(psutil.Error):
-            workers += measure(process)
-    return measure(service), workers
+            workers.append(measure(process))
+    return measure(service), summary(workers)
 
 
 class Watch:
@@ -38,13 +39,16 @@ class Watch:
     Attributes
     ----------
     samples : list of tuple
-        Seconds since the start, MiB of the service, MiB of its workers.
+        Seconds since the start, MiB of the service, MiB of its workers: their sum or another summary.
     """
 
-    def __init__(self, pid: int, *, every_seconds: float, measure: Measure = resident) -> None:
+    def __init__(
+        self, pid: int, *, every_seconds: float, measure: Measure = resident, summary: Summary = sum
+    ) -> None:
         self.samples: list[tuple[float, float, float]] = []
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(pid, every_seconds, measure), daemon=True)
+        arguments = (pid, every_seconds, measure, summary)
+        self._thread = threading.Thread(target=self._run, args=arguments, daemon=True)
 
     def __enter__(self) -> "Watch":
         self._thread.start()
@@ -54,10 +58,10 @@ class Watch:
         self._over.set()
         self._thread.join()
 
-    def _run(self, pid: int, every_seconds: float, measure: Measure) -> None:
+    def _run(self, pid: int, every_seconds: float, measure: Measure, summary: Summary) -> None:
         start, over = time.monotonic(), False
         while not over:
-            self.samples.append((time.monotonic() - start, *memory(pid, measure)))
+            self.samples.append((time.monotonic() - start, *memory(pid, measure, summary)))
             over = self._over.wait(every_seconds)
 
 
