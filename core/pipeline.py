@@ -69,14 +69,9 @@ class Pipeline:
     def embed(self, mesh: Mesh, descriptors: Iterable[str] | None = None) -> Embedding:
         """Compute the sparse spectral embedding of a mesh (section 3 of the paper).
 
-        It holds the descriptors of these names, by default all that this installation computes.
-
-        Raises
-        ------
-        DegenerateMeshError
-            The mesh has no area, or too few vertices for the dimensions.
-        CannotBeEmbeddedError
-            The method fails on the mesh, for example by a division by zero.
+        It holds the descriptors of these names, by default all that this installation computes. Raise
+        DegenerateMeshError if the mesh has no area, or too few vertices for the dimensions, and
+        CannotBeEmbeddedError if the method fails on the mesh, for example by a division by zero.
         """
         return sparse_embedding.embed(mesh, self.parameters, descriptors)
 

@@ -115,11 +115,8 @@ def _check(faults: Iterator[str]) -> None:
 def embedding_from_bytes(data: bytes) -> Embedding:
     """Return the embedding that `embedding_to_bytes` wrote.
 
-    Raises
-    ------
-    BadRecordError
-        The bytes are not a record, or an array has the wrong shape or type (see
-        `core.embedding.Embedding`), a value that is not finite, or an index out of range.
+    Raise BadRecordError if the bytes are not a record, or an array has the wrong shape or type (see
+    `core.embedding.Embedding`), a value that is not finite, or an index out of range.
     """
     with _reading():
         arrays, header = _arrays(data)

@@ -92,11 +92,7 @@ def create_app(settings: Settings, *, watches: bool = False) -> FastAPI:
     """Create the application. Opens and starts nothing before its lifespan begins.
 
     With `watches`, it scans sources when their folders change; otherwise it scans those that it is asked to.
-
-    Raises
-    ------
-    SettingsError
-        The file of parameters is invalid.
+    Raise SettingsError if the file of parameters is invalid.
     """
     parameters = load_parameters(settings.pipeline)
     hosts = None if settings.has_keys and not settings.hosts else {*settings.hosts, settings.host}

@@ -46,11 +46,7 @@ def find_meshes(paths: Sequence[Path]) -> FoundMeshes:
     A given or listed file is included with any ending, even if it does not exist: reading it gives the error.
     Files directly in a given folder have no class; files further down have the class folder's name.
     `labels.csv` takes precedence over both. A given file has the class of `labels.csv` beside it, or none.
-
-    Raises
-    ------
-    DatasetError
-        A path does not exist, a folder cannot be listed, or a `labels.csv` cannot be used.
+    Raise DatasetError if a path does not exist, a folder cannot be listed, or a `labels.csv` cannot be used.
     """
     files: dict[Path, MeshFile] = {}
     ignored = 0
@@ -73,10 +69,7 @@ def find_meshes(paths: Sequence[Path]) -> FoundMeshes:
 def read_collection(folder: Path) -> list[tuple[Path, str]]:
     """Return the meshes of a labelled folder, each with its class.
 
-    Raises
-    ------
-    DatasetError
-        The path is not a folder, holds no mesh, or holds a mesh without a class.
+    Raise DatasetError if the path is not a folder, holds no mesh, or holds a mesh without a class.
     """
     if not folder.is_dir():
         raise DatasetError(f"{folder}: there is no such folder")
@@ -128,10 +121,8 @@ def _labels_in(folder: Path) -> dict[Path, str | None]:
 def read_labels(labels: Path) -> list[MeshFile]:
     """Return the files of a `labels.csv`, which are not looked for.
 
-    Raises
-    ------
-    DatasetError
-        The file cannot be read, lacks a column, or has a row without a file or a class, or a file twice.
+    Raise DatasetError if the file cannot be read, lacks a column, or has a row without a file or a class, or
+    a file twice.
     """
     columns, rows = read_table(labels)
     if not {"file", "class"} <= set(columns):
@@ -151,12 +142,8 @@ def read_labels(labels: Path) -> list[MeshFile]:
 def read_table(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str | None]]]]:
     """Return the columns of a CSV file, and the rows with the numbers of their lines.
 
-    A missing cell is None, and cells without a column have the key None.
-
-    Raises
-    ------
-    DatasetError
-        The file cannot be read, or is no CSV.
+    A missing cell is None, and cells without a column have the key None. Raise DatasetError if the file
+    cannot be read, or is no CSV.
     """
     try:
         # Spreadsheets write a byte order mark, which would otherwise begin the name of the first column.

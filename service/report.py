@@ -210,12 +210,7 @@ def report(
 ) -> str:
     """Return the page of a query (name and bytes) and its answer; call `drawn` after each result is drawn.
 
-    Raises
-    ------
-    ClientError
-        A shape or the service is gone.
-    ValueError
-        The answer has no correspondences.
+    Raise ClientError if a shape or the service is gone, and ValueError if the answer has no correspondences.
     """
     name, data = file
     # The service has read the file; its ending tells which axis is up.

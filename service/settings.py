@@ -201,10 +201,7 @@ class Settings(BaseSettings):
 def load_settings() -> Settings:
     """Return the settings in the environment.
 
-    Raises
-    ------
-    SettingsError
-        A variable beginning with ISOSHAPE_ is unknown, or a value is out of range.
+    Raise SettingsError if a variable beginning with ISOSHAPE_ is unknown, or a value is out of range.
     """
     known = {PREFIX + name.upper() for name in Settings.model_fields} | OTHER_VARIABLES
     given = {name.upper(): name for name in os.environ if name.upper().startswith(PREFIX)}
@@ -235,10 +232,7 @@ def _with_suggestion(name: str, known: Iterable[str]) -> str:
 def load_parameters(pipeline: str) -> Parameters:
     """Return the parameters that `pipeline` names; parameters without a name take that of their file.
 
-    Raises
-    ------
-    SettingsError
-        `pipeline` names neither built-in parameters nor a readable file of parameters.
+    Raise SettingsError if `pipeline` names neither built-in parameters nor a readable file of parameters.
     """
     named = {"default": DEFAULT, "paper": PAPER}
     if pipeline in named:

@@ -118,12 +118,8 @@ class Turns:
     def ask(self) -> Place:
         """Ask for a place for the client of the current context; `leave` it in any case.
 
-        A place that gives way to another client raises BusyError when it is awaited.
-
-        Raises
-        ------
-        BusyError
-            There is no room.
+        A place that gives way to another client raises BusyError when it is awaited. Raise BusyError if there
+        is no room.
         """
         place = Place(current_client.get())
         if self.inside >= self.room:

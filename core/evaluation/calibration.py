@@ -169,12 +169,7 @@ def fit(
 ) -> Calibration:
     """Return the model fitted to all pairs of all collections, or to the pairs without one class.
 
-    `start` is that of `fit_logistic`.
-
-    Raises
-    ------
-    ParameterError
-        All pairs are of one class, or none is.
+    `start` is that of `fit_logistic`. Raise ParameterError if all pairs are of one class, or none is.
     """
     features, same, weights, offsets = [], [], [], []
     for collection in collections:
@@ -195,12 +190,8 @@ def fit(
 def leave_class_out(collections: Sequence[LabelledPairs]) -> list[Floats]:
     """Compute class probabilities of all pairs, an array of shape (n, n) for each collection.
 
-    The model of row i is fitted without the class of shape i.
-
-    Raises
-    ------
-    ParameterError
-        Without some class, all pairs are of one class, or none is.
+    The model of row i is fitted without the class of shape i. Raise ParameterError if without
+    some class all pairs are of one class, or none is.
     """
     probabilities = [np.zeros(collection.features.shape[:2]) for collection in collections]
     whole = fit(collections)

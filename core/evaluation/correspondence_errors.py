@@ -227,13 +227,7 @@ def known_mesh(mesh: Mesh, truth: Ints, pipeline: Pipeline) -> KnownMesh:
     """Prepare a mesh with the vertices, in the order of its file, that are those of a template.
 
     `truth`, int64 of shape (g, t), is that of `KnownMesh` in the numbers of the mesh as its file has it.
-
-    Raises
-    ------
-    ParameterError
-        A vertex is none of the mesh.
-    CoreError
-        The mesh cannot be embedded.
+    Raise ParameterError if a vertex is none of the mesh, and CoreError if the mesh cannot be embedded.
     """
     if truth.size == 0 or truth.min() < 0 or truth.max() >= len(mesh.vertices):
         raise ParameterError(f"the truth names vertices that are none of the mesh's {len(mesh.vertices)}")

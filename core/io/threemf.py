@@ -58,12 +58,7 @@ def write(mesh: Mesh) -> bytes:
     """Return a mesh as a 3MF of one object and one build item, with its coordinates in millimetres.
 
     The format forbids faces that name a vertex twice; they are left out. Nothing else changes: an open
-    surface stays open.
-
-    Raises
-    ------
-    NoTrianglesError
-        Every face names a vertex twice.
+    surface stays open. Raise NoTrianglesError if every face names a vertex twice.
     """
     a, b, c = mesh.faces.T
     faces = mesh.faces[(a != b) & (b != c) & (c != a)]

@@ -145,11 +145,7 @@ def clean(mesh: Mesh) -> Cleaned:
 
     Vertices and faces are in canonical order (`core.mesh.ordering`), which does not depend on the file's
     order. Slivers of zero area stay where they join other faces: they have no weight but connect the surface.
-
-    Raises
-    ------
-    DegenerateMeshError
-        The mesh has no area, or a coordinate exceeds `FARTHEST`.
+    Raise DegenerateMeshError if the mesh has no area, or a coordinate exceeds `FARTHEST`.
     """
     first, group = merge_vertices(mesh.vertices)
     vertices = mesh.vertices[first]

@@ -65,10 +65,7 @@ def possible_instances(first: Float32s, second: Float32s) -> int:
 def instances(part: Mesh, whole: Mesh) -> Instances:
     """Count the pieces of a surface that are copies of a part of one piece.
 
-    Raises
-    ------
-    DegenerateMeshError
-        A mesh has no area.
+    Raise DegenerateMeshError if a mesh has no area.
     """
     own = clean(part)
     surface = clean(whole)

@@ -43,12 +43,8 @@ def is_loopback_name(name: str) -> bool:
 def check_host(headers: Headers, known: Collection[str] | None) -> None:
     """Refuse a request whose header Host has neither a known name nor one of the loopback interface.
 
-    `known` has names in the form of `name_in`; None allows any name.
-
-    Raises
-    ------
-    MisdirectedRequestError
-        The request names another host, or none.
+    `known` has names in the form of `name_in`; None allows any name. Raise MisdirectedRequestError if the
+    request names another host, or none.
     """
     names = [name_in(host) for host in headers.getlist("host")] or [""]
     for name in names:
@@ -162,12 +158,8 @@ class Gate:
     def grant(self, headers: Headers) -> Grant | None:
         """Return the grant of a request, from its headers; None if it has neither a key nor an open session.
 
-        Raises
-        ------
-        UnauthorizedError
-            The key is unknown.
-        MisdirectedRequestError
-            The session was opened under another name of the service.
+        Raise UnauthorizedError if the key is unknown, and MisdirectedRequestError if the session was opened
+        under another name of the service.
         """
         if not self._keys:
             return Grant("full")

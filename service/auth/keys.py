@@ -56,10 +56,7 @@ class KeyEntry:
     def read(cls, text: str) -> "KeyEntry":
         """Parse an entry in the form of `write`; the digest may be in upper case.
 
-        Raises
-        ------
-        ValueError
-            The text is not an entry.
+        Raise ValueError if the text is not an entry.
         """
         digest, colon, names = text.strip().partition(":")
         listed = names.split("+")
@@ -131,10 +128,7 @@ class Sessions:
     def grant(self, token: str, host: str) -> Grant | None:
         """Return the grant of a session, or None if it has ended or never began.
 
-        Raises
-        ------
-        MisdirectedRequestError
-            The session began under another name.
+        Raise MisdirectedRequestError if the session began under another name.
         """
         until, grant, name = self._open.get(digest_of(token), (0.0, None, ""))
         if grant is None or self._clock() >= until:

@@ -31,13 +31,8 @@ def read_metadata(path: Path) -> dict[str, About]:
 
     The column holds the name of a file, with folders before it where names are repeated. The column `tags` is
     split at commas and semicolons. Every other column is a key; its empty cells are left out. Values stay
-    text: a part number may begin with a zero.
-
-    Raises
-    ------
-    DatasetError
-        The file cannot be read, has no column `name`, names a mesh twice, or holds a value that no shape may
-        have.
+    text: a part number may begin with a zero. Raise DatasetError if the file cannot be read, has no column
+    `name`, names a mesh twice, or holds a value that no shape may have.
     """
     columns, lines = read_table(path)
     if "name" not in columns:
@@ -120,10 +115,7 @@ class Tally:
 def store_archive(client: Client, path: Path, tags: Sequence[str], bar: "Progress", tally: Tally) -> None:
     """Send an archive, wait until its job has ended, and count the outcomes of its files.
 
-    Raises
-    ------
-    ClientError
-        The service does not answer, or gives an unexpected answer.
+    Raise ClientError if the service does not answer, or gives an unexpected answer.
     """
     task = bar.add_task(f"storing {path.name}", total=None)
     tally.finished += 1

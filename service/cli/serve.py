@@ -87,10 +87,7 @@ def warn_of_python(version: tuple[int, int, int]) -> None:
 def _alone(database_url: str, url: str) -> AbstractContextManager[object]:
     """Return the lock of the one service of an SQLite archive; a PostgreSQL database needs none.
 
-    Raises
-    ------
-    ArchiveServedError
-        Another service serves the archive.
+    Raise ArchiveServedError if another service serves the archive.
     """
     # Here for the same reason.
     from service.storage.sqlite import ServingLock, path_of  # noqa: PLC0415

@@ -122,10 +122,7 @@ def _answers(url: str, key: str | None) -> bool:
 def database_named(argument: str, place: str) -> str:
     """Return the URL of a database; `place` is that URL or the path of an SQLite file.
 
-    Raises
-    ------
-    SettingsError
-        The place names no database; the message begins with the name of the argument.
+    Raise SettingsError, with the name of the argument in its message, if the place names no database.
     """
     # Here for the same reason.
     from service.settings import Settings, SettingsError  # noqa: PLC0415

@@ -133,10 +133,7 @@ def restore_command(
 def _found(client: Client, texts: Sequence[str]) -> list[Shape]:
     """Return the stored shapes that ids or names name; nothing is changed before all of them are found.
 
-    Raises
-    ------
-    ClientError
-        A text names no shape, or several.
+    Raise ClientError if a text names no shape, or several.
     """
     return [
         client.shape(text) if _is_id(text) else _chosen(text, client.shapes(name=text), "shape")

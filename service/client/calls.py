@@ -554,13 +554,7 @@ def _filtered(filters: Filters) -> dict[str, Any]:
 
 
 def _checked(options: dict[str, Any]) -> dict[str, Any]:
-    """Return options of a search.
-
-    Raises
-    ------
-    TypeError
-        An option is unknown.
-    """
+    """Return options of a search; raise TypeError if an option is unknown."""
     unknown = options.keys() - SearchOptions.model_fields.keys()
     if unknown:
         raise TypeError(f"a search has no option {min(unknown)!r}")

@@ -307,12 +307,8 @@ def upload_all(
 ) -> Iterator[tuple[Item, Upload | str]]:
     """Yield each item with its upload or the cause of its refusal, in the order in which the uploads end.
 
-    If the service is gone, no further upload begins.
-
-    Raises
-    ------
-    ClientError
-        The service does not answer, or gives an unexpected answer.
+    If the service is gone, no further upload begins. Raise ClientError if the service does not answer, or
+    gives an unexpected answer.
     """
     pool = ThreadPoolExecutor(at_once)
     try:

@@ -110,10 +110,7 @@ class Call(Generic[T]):
     def prepared(self, stack: ExitStack) -> dict[str, Any]:
         """Return the arguments of an httpx request; the stack closes the files that this opens.
 
-        Raises
-        ------
-        OSError
-            A file cannot be read.
+        Raise OSError if a file cannot be read.
         """
         # A body without a file is no form, and an address given no parameters keeps its own.
         arguments: dict[str, Any] = {"headers": dict(self.headers)}
@@ -194,10 +191,7 @@ def given(**values: object) -> dict[str, Any]:
 def conditions(metadata: Conditions) -> list[str]:
     """Return conditions on metadata in the form key=value, which the service compares with stored values.
 
-    Raises
-    ------
-    ClientError
-        A key has an equals sign, or a value is a list or an object; no filter can name these.
+    Raise ClientError if no filter can name a key with an equals sign, or a value that is a list or an object.
     """
     if not isinstance(metadata, Mapping):
         return list(metadata)
@@ -211,10 +205,7 @@ def conditions(metadata: Conditions) -> list[str]:
 def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
     """Return the headers with a key and the name of a collection.
 
-    Raises
-    ------
-    ClientError
-        A header cannot hold the key, or no collection can have the name.
+    Raise ClientError if a header cannot hold the key, or no collection can have the name.
     """
     key = (key or "").strip()
     if not (key.isascii() and key.isprintable()):
@@ -230,12 +221,8 @@ def retry_delay(answer: httpx.Response, attempt: int) -> float | None:
 
     The first wait is the one that the service asks for; each later one is twice as long.
 
-    `attempt` is the number of attempts before this one.
-
-    Raises
-    ------
-    ProblemError, UnexpectedAnswerError
-        A retry is of no use, or the retries are used up.
+    `attempt` is the number of attempts before this one. Raise ProblemError or UnexpectedAnswerError if a
+    retry is of no use, or the retries are used up.
     """
     if answer.is_success:
         return None

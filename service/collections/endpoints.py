@@ -107,10 +107,7 @@ def allowed(limits: frozenset[str] | None, named: str | None) -> str:
 def named_too(session: ReadSession, request: Request, name: str) -> CollectionRecord:
     """Return a collection that a request names beside its own.
 
-    Raises
-    ------
-    CollectionNotFoundError, ForbiddenError
-        There is none of the name, or the key may not use it.
+    Raise CollectionNotFoundError or ForbiddenError if there is none of the name, or the key may not use it.
     """
     return repository.get(session, allowed(limits_of(request), name))
 

@@ -12,13 +12,7 @@ from service.storage.tables import NOT_DELETED, CollectionRow, JobRow, ShapeRow,
 
 
 def get(session: ReadSession, name: str) -> CollectionRecord:
-    """Return the collection with a name.
-
-    Raises
-    ------
-    CollectionNotFoundError
-        No collection has the name.
-    """
+    """Return the collection with a name; raise CollectionNotFoundError if no collection has the name."""
     query = select(CollectionRow.number).where(CollectionRow.name == name)
     number = session.scalar(query) if is_name(name) else None
     if number is None:
@@ -27,13 +21,7 @@ def get(session: ReadSession, name: str) -> CollectionRecord:
 
 
 def require(session: WriteSession, collection: CollectionNumber) -> None:
-    """Raise unless a collection exists. Until the end of the session no other one can delete it.
-
-    Raises
-    ------
-    CollectionNotFoundError
-        The collection was deleted.
-    """
+    """Raise CollectionNotFoundError unless a collection exists; none can delete it until the session ends."""
     query = select(CollectionRow.number).where(CollectionRow.number == collection)
     if session.scalar(query) is None:
         raise CollectionNotFoundError("the collection was deleted meanwhile")
@@ -56,10 +44,7 @@ def counted(session: ReadSession, names: Several[str] | None) -> list[Row[tuple[
 def create(session: WriteSession, name: str) -> bool:
     """Create a collection unless it exists; return whether it was created.
 
-    Raises
-    ------
-    BadRequestFieldsError
-        The name is not valid.
+    Raise BadRequestFieldsError if the name is not valid.
     """
     if not is_name(name):
         raise BadRequestFieldsError(

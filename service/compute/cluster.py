@@ -74,10 +74,7 @@ class ClusterPool(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
         """Call `fn(*args)` in a worker. Function, arguments and result must pickle; no keywords.
 
-        Raises
-        ------
-        ClusterUnavailableError
-            The scheduler is unreachable, or has no workers.
+        Raise ClusterUnavailableError if the scheduler is unreachable, or has no workers.
         """
         if kwargs:
             raise TypeError("tasks take positional arguments only")

@@ -157,10 +157,7 @@ class WorkerProcess:
     def send(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
         """Start the call `function(*arguments)`.
 
-        Raises
-        ------
-        WorkerLostError
-            The process was dead or takes no call, and the call has not begun.
+        Raise WorkerLostError if the process was dead or takes no call, and the call has not begun.
         """
         try:
             with self._killed_after(SEND_SECONDS):

@@ -278,12 +278,8 @@ class RequestQueue:
     def zip_directory(self, end: bytes, size: int, most: int) -> bytes:
         """Return `sandbox.zip_directory(end, size, most)` of a confined process; it blocks.
 
-        Raises
-        ------
-        MeshTooComplexError, ValueError, MemoryError
-            The directory is too long, or is none.
-        TaskTimeLimitError, WorkerLostError
-            Reading took too long, or its process ended.
+        Raise MeshTooComplexError, ValueError or MemoryError if the directory is too long, or is none, and
+        TaskTimeLimitError or WorkerLostError if reading took too long, or its process ended.
         """
         reading = self.readers.submit(read_zip_directory, end, size, most, self.read_seconds)
         return bytes(reading.result())
@@ -369,10 +365,7 @@ def _failures_logged() -> Iterator[None]:
 def short_of_memory() -> Iterator[None]:
     """Turn a lack of memory over stored shapes into an error of the service, not of the request.
 
-    Raises
-    ------
-    WorkerLostError
-        Raised instead of `MemoryError`.
+    Raise WorkerLostError in the place of MemoryError.
     """
     try:
         yield

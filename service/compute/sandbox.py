@@ -102,12 +102,8 @@ landlock, seccomp = _imported("landlock"), _imported("pyseccomp")
 def read_file(data: bytes, format: str, limits: Limits, seconds: float) -> bytes:
     """Read a file within `seconds` of processor time; the system ends the process after that time.
 
-    Nothing that a reader returns is unpickled: `mesh_from_bytes` reads it.
-
-    Raises
-    ------
-    MeshError
-        The file cannot be used; the subclass says why.
+    Nothing that a reader returns is unpickled: `mesh_from_bytes` reads it. A MeshError tells by
+    its subclass why the file cannot be used.
     """
     _limit_time(seconds)
     start = time.perf_counter()
@@ -345,10 +341,7 @@ def mesh_to_bytes(file: MeshFile, milliseconds: float) -> bytes:
 def mesh_from_bytes(data: bytes) -> tuple[MeshFile, float]:
     """Return what an untrusted process has read, checked as any mesh, and the time in milliseconds.
 
-    Raises
-    ------
-    MalformedMeshError
-        The bytes are not a mesh.
+    Raise MalformedMeshError if the bytes are not a mesh.
     """
     try:
         arrays = load(data)
@@ -383,10 +376,7 @@ def parts_to_bytes(parts: list[PartFile]) -> bytes:
 def parts_from_bytes(data: bytes, most: int) -> list[PartFile]:
     """Return at most `most` parts that an untrusted process has read; their files are read as any uploads.
 
-    Raises
-    ------
-    MalformedMeshError
-        The bytes are not parts.
+    Raise MalformedMeshError if the bytes are not parts.
     """
     try:
         arrays = {name: array.tobytes() for name, array in load(data).items()}

@@ -70,13 +70,7 @@ class Embedded:
 
 
 def embed_file(data: bytes, format: str, limits: Limits, parameters: Parameters) -> Embedded:
-    """Read a file and embed its mesh.
-
-    Raises
-    ------
-    MeshError
-        The file cannot be used; the subclass says why.
-    """
+    """Read a file and embed its mesh; a MeshError tells by its subclass why the file cannot be used."""
     start = time.perf_counter()
     file = read_file(data, format, limits=limits)
     read = 1e3 * (time.perf_counter() - start)
@@ -92,12 +86,8 @@ def embed_mesh(
 ) -> Embedded:
     """Embed a mesh that took `read` milliseconds to read, with the warnings of its reader.
 
-    `descriptors` are those of `core.pipeline.Pipeline.embed`.
-
-    Raises
-    ------
-    MeshError
-        The mesh cannot be used; the subclass says why.
+    `descriptors` are those of `core.pipeline.Pipeline.embed`. A MeshError tells by its subclass why the mesh
+    cannot be used.
     """
     start = time.perf_counter()
     with guarded():

@@ -111,10 +111,7 @@ def encode_error(error: Exception, note: str) -> bytes:
 def decode(answer: bytes) -> Any:  # noqa: ANN401
     """Return the result of a plain answer, or raise its error; a `RuntimeError` for an unknown class.
 
-    Raises
-    ------
-    WorkerCrashedError
-        The bytes are not an answer.
+    Raise WorkerCrashedError if the bytes are not an answer.
     """
     form, content = answer[:1], answer[1:]
     if form == BYTES:

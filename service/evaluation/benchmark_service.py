@@ -186,12 +186,8 @@ def cascade_rows(
 def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[dict[str, Any]]:
     """Upload all meshes to an empty archive, in turn with all processors and with one.
 
-    The service, its workers and the client share the processors.
-
-    Raises
-    ------
-    OSError
-        The system does not support processor affinity.
+    The service, its workers and the client share the processors. Raise OSError if the system does not support
+    processor affinity.
     """
     items = [
         Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
@@ -213,10 +209,7 @@ def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list
 def processors() -> list[int]:
     """Return the numbers of the processors that this process may use.
 
-    Raises
-    ------
-    OSError
-        The system does not support processor affinity.
+    Raise OSError if the system does not support processor affinity.
     """
     if not hasattr(os, "sched_getaffinity"):
         raise OSError("this system does not let a process choose its processors")
@@ -250,10 +243,7 @@ def served(url: str, **settings: int | str) -> Iterator[tuple[ChildService, Clie
 def wait_until_idle(service: ChildService) -> None:
     """Wait for three idle seconds: then the cache of match records is full.
 
-    Raises
-    ------
-    TimeoutError
-        The service is at work for too long.
+    Raise TimeoutError if the service is at work for too long.
     """
     latest, quiet = perf_counter() + SETTLED_BY, 0
     used = service.processor_seconds()

@@ -32,10 +32,7 @@ Source = dict[str, list[NamedMesh]]
 def read_source(folder: Path | None) -> Source:
     """Return the meshes of a labelled folder, or generated ones.
 
-    Raises
-    ------
-    DatasetError, MeshError
-        The folder or one of its files cannot be read.
+    Raise DatasetError or MeshError if the folder or one of its files cannot be read.
     """
     if folder is None:
         return {

@@ -25,10 +25,7 @@ Files = list[tuple[Path, str]]
 def collection_files(folder: Path, limit: int | None) -> Files:
     """Return the files of a labelled folder, or at most `limit` of them, spread over the classes.
 
-    Raises
-    ------
-    DatasetError
-        The folder is no labelled collection.
+    Raise DatasetError if the folder is no labelled collection.
     """
     files = read_collection(folder)
     return files if limit is None else spread(files, limit)

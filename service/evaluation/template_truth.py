@@ -55,10 +55,7 @@ def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
 def read_truth(folder: Path) -> list[MeshFile]:
     """Return the meshes that `labels.csv` names, which have a class, and a template where classes share one.
 
-    Raises
-    ------
-    DatasetError
-        `labels.csv` cannot be used, or a mesh lacks its `.vts` file.
+    Raise DatasetError if `labels.csv` cannot be used, or a mesh lacks its `.vts` file.
     """
     files = read_labels(folder / LABELS_FILE)
     for file in files:
@@ -72,12 +69,8 @@ def study_truth(
 ) -> dict[str, dict[str, list[TruthErrors]]]:
     """Return the errors of pairs by method and kind of pair; see `KINDS`.
 
-    Raises
-    ------
-    DatasetError
-        A file of the truth cannot be read, or templates of one name have different sizes.
-    CoreError
-        A mesh cannot be read or embedded.
+    Raise DatasetError if a file of the truth cannot be read, or templates of one name have different sizes,
+    and CoreError if a mesh cannot be read or embedded.
     """
     classes, templates = [str(file.label) for file in files], [str(file.template) for file in files]
     drawn = drawn_pairs(classes, templates, count, seed)

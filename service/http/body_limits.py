@@ -47,10 +47,7 @@ class ClientQuotas:
     async def begin(self, client: str) -> asyncio.Semaphore:
         """Wait for a place for a body of a client; return what is to be released at the end of the request.
 
-        Raises
-        ------
-        BusyError
-            No request of the client has ended meanwhile.
+        Raise BusyError if no request of the client has ended meanwhile.
         """
         busy = f"{self._bodies.places} requests of this client have a body; try again when one has ended"
         return await self._bodies.take(client, busy)
@@ -58,10 +55,7 @@ class ClientQuotas:
     def take(self, client: str, size: int) -> None:
         """Count bytes that are about to be written to the temporary folder.
 
-        Raises
-        ------
-        StorageFullError
-            The folder is full, or the client has its share.
+        Raise StorageFullError if the folder is full, or the client has its share.
         """
         free = shutil.disk_usage(tempfile.gettempdir()).free
         share = min(self._largest, (free + self._bytes.total()) // 3)

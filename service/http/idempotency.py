@@ -55,10 +55,8 @@ class Kept:
 def read_key(values: Sequence[str]) -> str | None:
     """Return the key in a request's headers of that name; None where there is none.
 
-    Raises
-    ------
-    IdempotencyKeyMalformedError
-        There are several, or it is not 1 to `KEY_CHARACTERS` characters in double quotes.
+    Raise IdempotencyKeyMalformedError if there are several, or it is not 1 to `KEY_CHARACTERS` characters in
+    double quotes.
     """
     if not values:
         return None
@@ -96,10 +94,7 @@ class InFlight:
     def taken(self, claim: Claim | None) -> Iterator[None]:
         """Have the key until the end of the block.
 
-        Raises
-        ------
-        IdempotencyKeyInFlightError
-            Another request has it.
+        Raise IdempotencyKeyInFlightError if another request has it.
         """
         if claim is None:
             yield

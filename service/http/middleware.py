@@ -178,14 +178,8 @@ async def while_connected(request: Request, work: Awaitable[Answer]) -> Answer:
     """Return the result of the work. A body that has not been read by now is dropped.
 
     The work is cancelled when the client disconnects, and when the server stops. A transaction goes on in its
-    thread, and is committed whole or not at all.
-
-    Raises
-    ------
-    ClientDisconnect
-        The client disconnected.
-    RefusedBodyError
-        The request has a body, which nobody reads, and the body is refused.
+    thread, and is committed whole or not at all. Raise ClientDisconnect if the client disconnected, and
+    RefusedBodyError if the request has a body, which nobody reads, and the body is refused.
     """
 
     async def left() -> NoReturn:

@@ -103,12 +103,7 @@ def claim(session: WriteSession, runner: str, besides: Collection[str]) -> JobRo
 
 
 def renew(session: WriteSession, number: int, runner: str) -> None:
-    """Renew the lease of a job.
-
-    Raises
-    ------
-    JobLostError
-    """
+    """Renew the lease of a job; raise JobLostError if the job has ended, or another service runs it."""
     lease = update(JobRow).where(JobRow.number == number, JobRow.runner == runner, _ACTIVE)
     values = {"leased_until": datetime.now(UTC) + LEASE}
     if session.execute(lease.values(values).returning(JobRow.number)).one_or_none() is None:
@@ -147,10 +142,7 @@ def settle(
 ) -> None:
     """Write the outcome of a member.
 
-    Raises
-    ------
-    JobLostError
-        The job does not run, or the member has an outcome.
+    Raise JobLostError if the job does not run, or the member has an outcome.
     """
     state = session.scalar(select(JobRow.state).where(JobRow.number == file.job_number))
     key = JobFileRow.job_number == file.job_number, JobFileRow.position == file.position

@@ -107,10 +107,7 @@ class Runner:
     def arriving(self, client: str) -> Iterator[None]:
         """Count an archive of a client that is being received, until the end of the block.
 
-        Raises
-        ------
-        BusyError
-            The largest number of archives of the client is being received.
+        Raise BusyError if the largest number of archives of the client is being received.
         """
         if self._arriving[client] >= ARRIVING:
             raise BusyError(

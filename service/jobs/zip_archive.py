@@ -100,12 +100,7 @@ class ArchiveMember:
 
 
 def check_zip(file: BinaryIO) -> None:
-    """Raise unless a file begins as a zip does, whatever its name.
-
-    Raises
-    ------
-    UnknownArchiveError
-    """
+    """Raise UnknownArchiveError unless a file begins as a zip does, whatever its name."""
     file.seek(0)
     if file.read(4) not in _MAGIC:
         raise UnknownArchiveError("the file is not a zip")
@@ -190,10 +185,7 @@ class ZipArchive:
     def members(self) -> list[ArchiveMember]:
         """List all members by the directory.
 
-        Raises
-        ------
-        ArchiveTooLargeError
-            The sizes of the members that are taken sum up to more than the limit.
+        Raise ArchiveTooLargeError if the sizes of the members that are taken sum up to more than the limit.
         """
         members: list[ArchiveMember] = []
         paths: set[str] = set()

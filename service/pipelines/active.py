@@ -56,10 +56,8 @@ class Pipelines:
     def current(self, session: ReadSession) -> ActivePipeline:
         """Return the active pipeline, as the session sees it.
 
-        Raises
-        ------
-        PipelineUnavailableError
-            A newer version of the service has activated a pipeline that this version does not have.
+        Raise PipelineUnavailableError if a newer version of the service has activated a pipeline that this
+        version does not have.
         """
         fingerprint = repository.active(session)
         assert fingerprint is not None
@@ -108,12 +106,8 @@ def begin(pipelines: Pipelines, database: Database, *, in_memory: bool = True) -
     """Adopt the active pipeline of the archive, or activate the wanted one if the archive is empty.
 
     A warning is logged if the settings name another pipeline. The HNSW index of signatures is built if it is
-    missing or has other parameters. With `in_memory`, the signatures are read into memory.
-
-    Raises
-    ------
-    PipelineUnavailableError
-        This version of the service does not have the active pipeline.
+    missing or has other parameters. With `in_memory`, the signatures are read into memory. Raise
+    PipelineUnavailableError if this version of the service does not have the active pipeline.
     """
     wanted = pipelines.wanted
     with database.write() as session:

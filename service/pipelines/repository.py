@@ -40,10 +40,7 @@ def is_empty(session: ReadSession) -> bool:
 def parameters(session: ReadSession, fingerprint: str) -> Parameters:
     """Return the parameters of a stored pipeline.
 
-    Raises
-    ------
-    PipelineUnavailableError
-        This version of the service does not have the pipeline.
+    Raise PipelineUnavailableError if this version of the service does not have the pipeline.
     """
     row = session.get(PipelineRow, fingerprint)
     if row is None:
@@ -105,10 +102,7 @@ def unembedded(session: ReadSession, fingerprint: str) -> list[tuple[int, str]]:
 def blob(session: ReadSession, number: int) -> tuple[str, bytes] | None:
     """Return the SHA-256 and the bytes of a blob, or None if it was deleted.
 
-    Raises
-    ------
-    BadRecordError
-        The bytes are damaged.
+    Raise BadRecordError if the bytes are damaged.
     """
     row = session.execute(select(BlobRow.sha256, BlobRow.data).where(BlobRow.number == number)).one_or_none()
     return None if row is None else (row.sha256, stored_bytes(session, row.data, row.sha256))

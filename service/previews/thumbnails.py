@@ -19,12 +19,8 @@ async def draw_stored(
 ) -> bytes:
     """Draw the thumbnail of a stored shape, whose format is known, in a worker.
 
-    Raises
-    ------
-    ShapeNotFoundError
-        The collection has no such shape.
-    BadRecordError, MeshError
-        The stored file is damaged, or cannot be read.
+    Raise ShapeNotFoundError if the collection has no such shape, and BadRecordError or MeshError if the
+    stored file is damaged, or cannot be read.
     """
     data = await container.database.reading(file_repository.file_of, collection, shape_id)
     mesh = await container.queue.read(data, format)

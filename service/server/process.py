@@ -39,10 +39,7 @@ class StartError(ExpectedError):
 def bind(host: str, port: int) -> socket.socket:
     """Bind a socket to the address, before a database is opened or migrated.
 
-    Raises
-    ------
-    PortError
-        The port is in use, or the address is not one of this machine.
+    Raise PortError if the port is in use, or the address is not one of this machine.
     """
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
@@ -68,10 +65,7 @@ def is_loopback(address: str) -> bool:
 def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
     """Return when the service is ready. On the first start its workers compile.
 
-    Raises
-    ------
-    StartError
-        The service ended, or is not ready after an hour.
+    Raise StartError if the service ended, or is not ready after an hour.
     """
     deadline = time.monotonic() + READY_SECONDS
     while not client.ready():

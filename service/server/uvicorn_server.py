@@ -38,12 +38,7 @@ def run(app: ASGIApp, bound: socket.socket, shutdown_seconds: int) -> None:
     """Serve the app on the socket until a signal; running requests then have `shutdown_seconds` to end.
 
     The garbage collector leaves out the objects that exist by now, mostly modules. It otherwise takes half of
-    the time of reading the signatures of a large archive.
-
-    Raises
-    ------
-    StartError
-        The app's lifespan failed.
+    the time of reading the signatures of a large archive. Raise StartError if the app's lifespan failed.
     """
     watched = _Watched(app)
     server = watched.server = uvicorn.Server(config(watched, shutdown_seconds))
@@ -59,12 +54,8 @@ def run(app: ASGIApp, bound: socket.socket, shutdown_seconds: int) -> None:
 def in_thread(app: ASGIApp, key: str | None = None, collection: str | None = None) -> Iterator[Client]:
     """Run the app with its lifespan and workers on a free loopback port; yield a client once it is ready.
 
-    The client sends the key and names the collection, if they are given.
-
-    Raises
-    ------
-    StartError
-        The app's lifespan failed.
+    The client sends the key and names the collection, if they are given. Raise StartError if the app's
+    lifespan failed.
     """
     watched = _Watched(app)
     server = watched.server = uvicorn.Server(config(watched))

@@ -55,10 +55,7 @@ def change(
 def _changes(record: ShapeRecord, wanted: BulkChange) -> dict[str, Any]:
     """Return the fields of a shape that change, with their values.
 
-    Raises
-    ------
-    BadRequestFieldsError
-        They would be more than a shape may have.
+    Raise BadRequestFieldsError if they would be more than a shape may have.
     """
     kept = [tag for tag in record.tags if tag not in wanted.remove_tags]
     metadata = {key: value for key, value in record.metadata.items() if key not in wanted.remove_metadata}

@@ -20,10 +20,7 @@ METADATA_DEPTH = 8
 def clean_text(text: str) -> str:
     """Return the text in Unicode normal form NFC, without surrounding white space.
 
-    Raises
-    ------
-    ValueError
-        It holds control characters, or halves of surrogate pairs.
+    Raise ValueError if it holds control characters, or halves of surrogate pairs.
     """
     text = unicodedata.normalize("NFC", text).strip()
     if any(unicodedata.category(character) in {"Cc", "Cs"} for character in text):
@@ -57,10 +54,7 @@ def clean_name(name: str) -> str:
 def clean_tags(tags: Iterable[str]) -> list[str]:
     """Return the tags, each once, in the order given.
 
-    Raises
-    ------
-    ValueError
-        There are more than `TAGS`, or one is too long, empty, or holds a comma.
+    Raise ValueError if there are more than `TAGS`, or one is too long, empty, or holds a comma.
     """
     cleaned = list(dict.fromkeys(clean_text(tag) for tag in tags))
     if len(cleaned) > TAGS:
@@ -76,10 +70,8 @@ def clean_tags(tags: Iterable[str]) -> list[str]:
 def clean_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
     """Return an object of JSON values.
 
-    Raises
-    ------
-    ValueError
-        It is too large or too deep, or holds a number that is not finite, or text that is not Unicode.
+    Raise ValueError if it is too large or too deep, or holds a number that is not finite, or text that is not
+    Unicode.
     """
     if len(metadata) > METADATA_KEYS:
         raise ValueError(f"at most {METADATA_KEYS} keys are taken, not {len(metadata)}")

@@ -62,10 +62,7 @@ async def _pieces(data: bytes) -> AsyncIterator[bytes]:
 async def _receiving(container: Service) -> AsyncIterator[None]:
     """Wait until the client receives few enough files, and count this one until it is sent.
 
-    Raises
-    ------
-    BusyError
-        No file has been sent meanwhile.
+    Raise BusyError if no file has been sent meanwhile.
     """
     shares = container.downloads
     busy = f"this client receives {shares.places} files; try again when one is complete"
@@ -219,12 +216,8 @@ async def exported(
 ) -> bytes:
     """Return the mesh of a shape in another file format; `core.io.write_mesh` lists what is preserved.
 
-    Raises
-    ------
-    MeshTooComplexError
-        The file could exceed the limit of an upload.
-    NonFiniteCoordinatesError
-        A coordinate is too large for the 32 bits of the format.
+    Raise MeshTooComplexError if the file could exceed the limit of an upload, and NonFiniteCoordinatesError
+    if a coordinate is too large for the 32 bits of the format.
     """
     data = await container.database.reading(file_repository.file_of, collection, shape.id)
     mesh = await container.queue.read(data, shape.format)

@@ -127,10 +127,8 @@ def add_embedding(
 ) -> None:
     """Store a new embedding. The first one of a pipeline begins its HNSW index.
 
-    Raises
-    ------
-    SignatureLengthError
-        Its length differs from that of the pipeline's other signatures, which are searched as one matrix.
+    Raise SignatureLengthError if its signature is not as long as the pipeline's others, which are searched as
+    one matrix.
     """
     latest = session.scalar(
         select(EmbeddingRow.signature)

@@ -443,10 +443,7 @@ def _forget(session: WriteSession, number: int) -> None:
 def kept_answer(session: ReadSession, claim: Claim, now: datetime) -> Kept | None:
     """Return the answer to the first request with the key; None if there is none, or it has expired.
 
-    Raises
-    ------
-    IdempotencyKeyReusedError
-        That request had another payload.
+    Raise IdempotencyKeyReusedError if that request had another payload.
     """
     row = session.get(IdempotencyKeyRow, (claim.collection, claim.scope, claim.key))
     if row is None or row.expires_at <= now:

@@ -26,10 +26,7 @@ RANGE = rf"^({NUMBER}\.\.({NUMBER})?|\.\.{NUMBER})$"
 def range_of(text: str) -> Range:
     """Return the least and the greatest value of a range, written min..max.
 
-    Raises
-    ------
-    ValueError
-        It is written otherwise, has no side, or its least value exceeds its greatest.
+    Raise ValueError if it is written otherwise, has no side, or its least value exceeds its greatest.
     """
     if re.search(RANGE, text) is None or text.endswith("\n"):
         raise ValueError("must be written min..max, with numbers of 0 or more; one of them may be left out")
@@ -117,10 +114,7 @@ class Filters(BaseModel):
     def filtered(self, collection: CollectionNumber) -> ShapeFilter:
         """Return the filter of the shapes of a collection.
 
-        Raises
-        ------
-        BadRequestFieldsError
-            A condition on metadata is not written key=value.
+        Raise BadRequestFieldsError if a condition on metadata is not written key=value.
         """
         metadata = []
         for pair in self.metadata:
@@ -164,10 +158,7 @@ def read_cursor(cursor: str | None) -> int:
 def read_position(cursor: str | None, sort: Sort) -> Position | None:
     """Return the position in a cursor of a list with an order; None for the first page.
 
-    Raises
-    ------
-    BadRequestFieldsError
-        The cursor is malformed, or of a list with another order.
+    Raise BadRequestFieldsError if the cursor is malformed, or of a list with another order.
     """
     if cursor is None:
         return None

@@ -147,14 +147,8 @@ async def _parts_of(container: Container, whole: NewShape) -> list[NewShape]:
     """Read each distinct part of a file in a worker; return an empty list for a file without parts.
 
     A part is a 3MF in its own frame, with the tags and the metadata of the whole, and with `ASSEMBLY`, `PATH`
-    and `INSTANCES`.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        The metadata have a key of the parts, or no room for them.
-    MeshError
-        The file cannot be read.
+    and `INSTANCES`. Raise BadRequestFieldsError if the metadata have a key of the parts, or no room for them,
+    and MeshError if the file cannot be read.
     """
     reserved = sorted({ASSEMBLY, PATH, INSTANCES} & whole.metadata.keys())
     if reserved:
@@ -243,10 +237,7 @@ def change(
 ) -> ShapeRecord:
     """Change the name, tags or metadata of a shape, and move it to the collection `target`.
 
-    Raises
-    ------
-    NameTakenError
-        Another shape of the target has the name and the same file.
+    Raise NameTakenError if another shape of the target has the name and the same file.
     """
     record = get(session, collection, shape_id)
     name = record.name if changes.name is None else changes.name
@@ -291,14 +282,8 @@ async def restore(
     """Undo the deletion of a shape. Its bytes are stored unless they are `in_place`, in a folder that stays.
 
     Stages: read the file; embed it in a worker unless the active pipeline has embedded it; restore the shape
-    in one transaction.
-
-    Raises
-    ------
-    NameTakenError
-        A shape with the same bytes and name was stored meanwhile.
-    BadRecordError
-        The stored file is damaged.
+    in one transaction. Raise NameTakenError if a shape with the same bytes and name was stored meanwhile, and
+    BadRecordError if the stored file is damaged.
     """
     keep = container.settings.undo_time
 
@@ -374,12 +359,8 @@ def put_shape(session: WriteSession, put: Put, new: NewShape) -> StoredShape:
 def merged_fields(present: ShapeRecord, new: NewShape) -> dict[str, Any]:
     """Return the `tags` and `metadata` of a stored shape that an upload of the same file changes.
 
-    New tags follow the tags that the shape has, and new keys of the metadata replace those it has.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        Both together are more than a shape may have.
+    New tags follow the tags that the shape has, and new keys of the metadata replace those it has. Raise
+    BadRequestFieldsError if both together are more than a shape may have.
     """
     return changed_fields(present, [*present.tags, *new.tags], {**present.metadata, **new.metadata})
 
@@ -387,10 +368,7 @@ def merged_fields(present: ShapeRecord, new: NewShape) -> dict[str, Any]:
 def changed_fields(record: ShapeRecord, tags: Iterable[str], metadata: dict[str, Any]) -> dict[str, Any]:
     """Return those of some new `tags`, each once, and `metadata` that a shape does not have.
 
-    Raises
-    ------
-    BadRequestFieldsError
-        They are more than a shape may have.
+    Raise BadRequestFieldsError if they are more than a shape may have.
     """
     distinct = list(dict.fromkeys(tags))
     fields: dict[str, Any] = {}
@@ -448,12 +426,7 @@ def _store(
     embedded: Mapping[FileKey, Embedded],
     change: Callable[[WriteSession, Put], T],
 ) -> T:
-    """Call `change` in a transaction.
-
-    Raises
-    ------
-    EmbeddingMissingError
-    """
+    """Call `change` in a transaction; raise EmbeddingMissingError if a file must be embedded first."""
     with database.write() as session:
         if active_fingerprint(session) != fingerprint:
             raise EmbeddingMissingError

@@ -26,12 +26,8 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckRepor
     """Copy a running archive into a file, which replaces another only if told so; return the copy's content.
 
     The copy shows one moment. With a rollback journal, writers wait while rows are copied, but not while the
-    copy is checked.
-
-    Raises
-    ------
-    ArchiveError
-        The archive is missing, the target exists or is not writable, or the copy is damaged.
+    copy is checked. Raise ArchiveError if the archive is missing, the target exists or is not writable, or
+    the copy is damaged.
     """
     with closing(connect(archive, lock_seconds=LOCK_SECONDS)) as connection, _beside(target) as copy:
         check_version(connection, archive)
@@ -51,14 +47,9 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckRepor
 def restore(backup: Path, archive: Path, *, replace: bool = False) -> CheckReport:
     """Replace an archive that no process uses with a backup, and return the content of the backup.
 
-    With `replace`, an archive with shapes, or a file of another kind, may be replaced.
-
-    Raises
-    ------
-    ArchiveError
-        The backup is damaged, or the target is not empty.
-    StorageUnavailableError
-        A service uses the archive.
+    With `replace`, an archive with shapes, or a file of another kind, may be replaced. Raise ArchiveError if
+    the backup is damaged, or the target is not empty, and StorageUnavailableError if a service uses the
+    archive.
     """
     if not backup.is_file():
         raise ArchiveError(f"there is no backup at {backup}")
@@ -130,11 +121,7 @@ def _remove_journals(archive: Path) -> None:
     """Remove the journals of the replaced archive, which SQLite would apply to the new one.
 
     They are applied to the old archive first, unless it is no database: until it is replaced it stays whole.
-
-    Raises
-    ------
-    ArchiveError
-        The disk fails.
+    Raise ArchiveError if the disk fails.
     """
     if has_journal(archive):
         try:

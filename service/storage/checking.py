@@ -103,10 +103,7 @@ class CheckReport:
 def check(path: Path, *, lock_seconds: float) -> CheckReport:
     """Check the archive in a file; services may be using it.
 
-    Raises
-    ------
-    ArchiveError
-        The file is not an archive, or a newer version wrote it.
+    Raise ArchiveError if the file is not an archive, or a newer version wrote it.
     """
     with closing(connect(path, lock_seconds=lock_seconds)) as connection:
         check_version(connection, path)
@@ -270,10 +267,7 @@ class _Check:
 def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
     """Return a plain SQLite connection to an existing file; it rolls back transactions of killed processes.
 
-    Raises
-    ------
-    ArchiveError
-        The file is missing, or is not a database.
+    Raise ArchiveError if the file is missing, or is not a database.
     """
     if not path.is_file():
         raise ArchiveError(f"there is no archive at {path}")
@@ -292,12 +286,7 @@ def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
 
 
 def check_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise unless the file is an archive that this version of the service knows.
-
-    Raises
-    ------
-    ArchiveError
-    """
+    """Raise ArchiveError unless the file is an archive that this version of the service knows."""
     try:
         versions = [row[0] for row in connection.execute("SELECT version_num FROM alembic_version")]
         connection.execute("SELECT revision FROM archive").fetchall()

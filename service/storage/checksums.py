@@ -32,10 +32,7 @@ def is_whole(data: bytes, checksum: str) -> bool:
 def whole_file(data: bytes, digest: str) -> bytes:
     """Return the bytes of a stored file.
 
-    Raises
-    ------
-    BadRecordError
-        The bytes do not have the SHA-256 that is stored with them.
+    Raise BadRecordError if the bytes do not have the SHA-256 that is stored with them.
     """
     if sha256(data).hexdigest() != digest:
         raise BadRecordError(f"the stored file is damaged: it does not have the SHA-256 {digest}")

@@ -218,13 +218,7 @@ class Database:
                 yield connection
 
     def ping(self) -> None:
-        """Read one row of the database.
-
-        Raises
-        ------
-        StorageUnavailableError
-            The database does not answer.
-        """
+        """Read one row of the database; raise StorageUnavailableError if the database does not answer."""
         if self._file is not None:
             self._file.check()
         with self.read() as session:
@@ -365,11 +359,8 @@ _FOLDER = Path(__file__).parent / "migrations"
 def migrate(database: Database) -> None:
     """Create the tables of an empty database, or run all missing migrations, in one transaction.
 
-    Raises
-    ------
-    ArchiveError
-        A newer version of the service wrote the database, or the database server does not meet the
-        requirements of an archive.
+    Raise ArchiveError if a newer version of the service wrote the database, or the database server does not
+    meet the requirements of an archive.
     """
     config = _config()
     with database.connect() as connection:
@@ -398,12 +389,7 @@ def _create(connection: Connection) -> None:
 
 
 def check_known(versions: Iterable[str]) -> None:
-    """Raise unless this code knows all versions that a database has.
-
-    Raises
-    ------
-    ArchiveTooNewError
-    """
+    """Raise ArchiveTooNewError unless this code knows all versions that a database has."""
     known = {script.revision for script in ScriptDirectory.from_config(_config()).walk_revisions()}
     unknown = sorted(set(versions) - known)
     if unknown:

@@ -13,12 +13,7 @@ from service.errors import StorageFullError, StorageUnavailableError
 def disk_errors(failed: str) -> Iterator[None]:
     """Raise an error of the service, with a message and the reason, for an error of the system in the block.
 
-    Raises
-    ------
-    StorageFullError
-        The disk has no room.
-    StorageUnavailableError
-        The disk fails otherwise.
+    Raise StorageFullError if the disk has no room, and StorageUnavailableError if the disk fails otherwise.
     """
     try:
         yield

@@ -25,10 +25,7 @@ def open_folder(path: str, within: int | None = None) -> int:
 def open_beneath(root: Path, path: str) -> int:
     """Return a descriptor of a plain file of a folder. A link is followed to a file of the folder only.
 
-    Raises
-    ------
-    OSError
-        There is no such file, or it cannot be opened.
+    Raise OSError if there is no such file, or it cannot be opened.
     """
     real = Path(os.path.realpath(root / path))
     if not real.is_relative_to(root):
@@ -63,12 +60,8 @@ def is_in_source(session: ReadSession, sha256: str) -> bool:
 def stored_bytes(session: ReadSession, data: bytes | None, sha256: str) -> bytes:
     """Return the bytes of a blob, from the archive or else from a source that has them.
 
-    Raises
-    ------
-    BadRecordError
-        The archive's bytes are damaged.
-    FileInPlaceError
-        No source has a file with the SHA-256.
+    Raise BadRecordError if the archive's bytes are damaged, and FileInPlaceError if no source has a file with
+    the SHA-256.
     """
     if data is not None:
         return whole_file(data, sha256)

@@ -66,10 +66,7 @@ def open_postgresql(url: URL, *, lock_seconds: float) -> Engine:
     and revisions become visible in the order of their creation. The pool replaces connections that the server
     has closed.
 
-    Raises
-    ------
-    ArchiveError
-        The driver is not installed.
+    Raise ArchiveError if the driver is not installed.
     """
     if find_spec("psycopg") is None:
         raise ArchiveError("PostgreSQL needs a driver: pip install 'isoshape[postgres]'")
@@ -164,10 +161,7 @@ def _shut_down(connection: Any) -> None:  # noqa: ANN401
 def check_server(connection: Connection) -> None:
     """Raise unless the server meets the requirements of an archive.
 
-    Raises
-    ------
-    ArchiveError
-        The database is not in UTF-8, or the server has no pgvector.
+    Raise ArchiveError if the database is not in UTF-8, or the server has no pgvector.
     """
     encoding = connection.execute(text("SHOW server_encoding")).scalar_one()
     if encoding != "UTF8":

@@ -27,10 +27,7 @@ WRITES = "isoshape_writes"
 def path_of(url: str) -> Path:
     """Return the file that an SQLAlchemy URL of SQLite names.
 
-    Raises
-    ------
-    ArchiveError
-        The URL names a PostgreSQL database.
+    Raise ArchiveError if the URL names a PostgreSQL database.
     """
     named = make_url(url)
     if named.get_backend_name() != "sqlite":
@@ -122,10 +119,8 @@ def _begin(connection: Connection) -> None:
 class ArchiveLock:
     """The lock of a process that uses an archive, until `release`: shared or, with `alone`, exclusive.
 
-    Raises
-    ------
-    StorageFullError, StorageUnavailableError
-        Another process holds a lock that excludes this one, or the lock file cannot be created.
+    Raise StorageFullError or StorageUnavailableError if another process holds a lock that excludes this one,
+    or the lock file cannot be created.
     """
 
     def __init__(self, archive: Path, *, alone: bool = False) -> None:
@@ -223,12 +218,8 @@ class DatabaseFile:
         """Check that the file is the one of the first check and, if asked, writable.
 
         The file is not opened: closing it would release the locks of SQLite (fcntl of POSIX). A write to a
-        file that is not writable would leave a journal that no reader can roll back.
-
-        Raises
-        ------
-        StorageUnavailableError
-            The file was deleted or replaced, or cannot be written.
+        file that is not writable would leave a journal that no reader can roll back. Raise
+        StorageUnavailableError if the file was deleted or replaced, or cannot be written.
         """
         try:
             status = self._path.stat()
