@@ -43,13 +43,8 @@ class Pipeline:
     """The method under one set of parameters.
 
     The same mesh gives the same bytes in every process; linear algebra runs on one thread for this reason.
-
-    Parameters
-    ----------
-    parameters : Parameters, optional
-        Frozen; `DEFAULT` unless given. `fingerprint` is a hash of them and of the method version.
-    memory : int
-        The most bytes of prepared shapes that are cached; the least recently used ones are evicted.
+    The `parameters` are frozen; `fingerprint` is a hash of them and of the method version. The cache has at
+    most `memory` bytes of prepared shapes; the least recently used ones are evicted.
     """
 
     def __init__(self, parameters: Parameters = DEFAULT, *, memory: int = PREPARED_BYTES) -> None:

@@ -14,10 +14,8 @@ REEMBED = "`isoshape reembed` computes the missing embeddings and activates this
 class ExpectedError(Exception):
     """Base of the errors that are no fault of the program; the message is for the person who runs it.
 
-    Attributes
-    ----------
-    status : int
-        The exit status of a command that the error ends: 1, or 2 where the command was called wrongly.
+    `status` is the exit status of a command that the error ends: 1, or 2 where the command was called
+    wrongly.
     """
 
     status: ClassVar[int] = 1

@@ -53,10 +53,7 @@ class Shares:
     async def take(self, client: str, busy: str) -> asyncio.Semaphore:
         """Wait for a place of a client; return what is to be released.
 
-        Raises
-        ------
-        BusyError
-            None is free after `PATIENCE_SECONDS`; the error has the message `busy`.
+        Raise BusyError, with the message `busy`, if none is free after `PATIENCE_SECONDS`.
         """
         places = self._clients.setdefault(client, asyncio.Semaphore(self.places))
         try:

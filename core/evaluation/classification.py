@@ -50,13 +50,9 @@ class Classification:
 def best_threshold(present: ArrayLike, absent: ArrayLike) -> float:
     """Return the threshold t that maximises the share of present >= t plus the share of absent < t.
 
-    Candidates are midpoints between neighbouring values; the lowest of equally good ones is taken. If no
-    midpoint is better than the least value, the threshold is the least value, which matches everything.
-
-    Parameters
-    ----------
-    present, absent : float64, shapes (a,) and (b,)
-        Finite, a and b >= 1; larger is closer.
+    `present` and `absent` are finite, of one value at least, and larger is closer. Candidates are midpoints
+    between neighbouring values; the lowest of equally good ones is taken. If no midpoint is better than the
+    least value, the threshold is the least value, which matches everything.
     """
     inside, outside = np.sort(np.asarray(present, float)), np.sort(np.asarray(absent, float))
     values = np.unique(np.concatenate([inside, outside]))

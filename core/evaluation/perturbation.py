@@ -30,14 +30,8 @@ def remove_discs(mesh: Mesh, amount: float, seed: int) -> Mesh:
     """Remove `DISCS` geodesic discs of one radius, which may overlap.
 
     The centres are drawn by area. The faces geodesically nearest to them are removed, until the removed area
-    is within half of the largest face of the wanted area (see `LARGE_FACE`).
-
-    Parameters
-    ----------
-    mesh : Mesh
-    amount : float
-        Share of the area to remove, in [0, 1).
-    seed : int
+    is within half of the largest face of the wanted area (see `LARGE_FACE`). `amount` is the share of the
+    area to remove, in [0, 1).
     """
     mesh = _with_small_faces(mesh)
     nearest = distances_from(mesh, drawn_centres(mesh, DISCS, seed)).min(axis=0)
@@ -47,12 +41,7 @@ def remove_discs(mesh: Mesh, amount: float, seed: int) -> Mesh:
 def cut_part(mesh: Mesh, amount: float, seed: int) -> Mesh:
     """Cut one part away: remove all faces with a centroid beyond a plane of uniformly random direction.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    amount : float
-        Share of the area beyond the plane, in [0, 1), exact to within half of the largest face.
-    seed : int
+    `amount` is the share of the area beyond the plane, in [0, 1), exact to within half of the largest face.
     """
     mesh = _with_small_faces(mesh)
     direction = np.random.default_rng(seed).normal(size=3)
@@ -62,12 +51,7 @@ def cut_part(mesh: Mesh, amount: float, seed: int) -> Mesh:
 def subdivide(mesh: Mesh, amount: float, seed: int) -> Mesh:
     """Split random edges at their midpoints; the surface stays, its faces are cut into two, three or four.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    amount : float
-        Share of the edges that are split, in [0, 1]; 1 cuts every face into four.
-    seed : int
+    `amount` is the share of the edges that are split, in [0, 1]; 1 cuts every face into four.
     """
     check_amount(amount, 0.0, 1.0)
     edges, of_face = edge_table(mesh.faces)

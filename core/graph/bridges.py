@@ -22,14 +22,8 @@ def bridges(vertices: Floats, labels: Ints) -> Ints:
     """Return vertex pairs that join all components by the shortest gaps, shape (components - 1, 2).
 
     The algorithm of Boruvka: in each round every component is joined to the nearest vertex outside it. The
-    earliest vertices break ties; gaps within rounding of zero are equal.
-
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-        At two places or more.
-    labels : int64, shape (n,)
-        Connected component of each vertex, 0 .. components - 1.
+    earliest vertices break ties; gaps within rounding of zero are equal. `vertices`, shape (n, 3), are at two
+    places or more; `labels`, shape (n,), have the component of each, 0 .. components - 1.
     """
     count, number = len(vertices), int(labels.max()) + 1
     chosen = [np.empty((0, 2), dtype=np.int64)]

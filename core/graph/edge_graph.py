@@ -20,13 +20,8 @@ def diagonals(vertices: Floats, faces: Ints, sides: HalfEdges | None = None) -> 
 
     Two adjacent faces are unfolded into a plane. If the segment between their opposite corners crosses the
     shared edge, it is a path on the surface. With diagonals a shortest path follows twelve directions instead
-    of six, and comes closer to the geodesic. `sides` are the half-edges of the faces, if they are known.
-
-    Returns
-    -------
-    ends : int64, shape (d, 2)
-        Vertices at both ends.
-    lengths : float64, shape (d,)
+    of six, and comes closer to the geodesic. `sides` are the half-edges of the faces, if they are known. The
+    results are the vertices at both ends, int64 of shape (d, 2), and the lengths, float64 of shape (d,).
     """
     sides = sides or half_edges(faces)
     opposite = faces[:, [2, 0, 1]].ravel()[sides.order]

@@ -89,19 +89,12 @@ def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> 
     """Read the distinct parts of an assembly.
 
     The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
-    frame, in millimetres. Parts with the same name and the same mesh are one. Parameters are those of
-    `read_mesh`.
+    frame, in millimetres. Parts with the same name and the same mesh are one, in the order of their first
+    instances in the file. The list is empty if the file has one instance of one part, or is of a format
+    without assemblies.
 
-    Returns
-    -------
-    list of Part
-        In the order of their first instances in the file. It is empty if the file has one instance of one
-        part, or is of a format without assemblies.
-
-    Raises
-    ------
-    MeshError
-        As in `read_mesh`; also if there are more different parts than the limits, or one without area.
+    Parameters and errors are those of `read_mesh`; MeshError is also raised if there are more different parts
+    than the limits, or one without area.
     """
     reader = read_format(format)
     with _reading(data, reader):

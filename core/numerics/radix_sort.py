@@ -45,10 +45,7 @@ def _sort(keys: Keys, order: Int32s) -> Int32s:
 def sortable(values: Ints | Floats) -> Keys:
     """Return unsigned keys that sort like the values, shape (n,), of 32 bits if they fit.
 
-    Parameters
-    ----------
-    values : int64 or float64, shape (n,)
-        Integers >= 0, or floats without NaN.
+    `values`, shape (n,), are integers >= 0, or floats without NaN.
     """
     if values.dtype.kind == "f":
         bits = (values + 0.0).view(np.uint64)
@@ -62,10 +59,7 @@ def sortable(values: Ints | Floats) -> Keys:
 def lexical_order(*columns: Ints | Floats) -> Ints:
     """Return the stable lexical order of rows, by the first column first, shape (n,).
 
-    Parameters
-    ----------
-    columns : int64 or float64, shape (n,)
-        Integers >= 0, or floats without NaN; n < 2^31.
+    `columns`, shape (n,), have integers >= 0, or floats without NaN; n < 2^31.
     """
     order = np.arange(len(columns[0]), dtype=np.int32)
     for i, column in enumerate(reversed(columns)):

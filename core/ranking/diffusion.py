@@ -93,12 +93,8 @@ def unreached_scores(log_odds: Floats) -> Floats:
 def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
     """Return the flow from a query to each of n shapes, shape (n,), >= 0.
 
-    Parameters
-    ----------
-    links, link_log_odds : shape (n, k)
-        Those of `NeighbourRows.links`.
-    log_odds : float64, shape (n,)
-        Those of the query.
+    `links` and `link_log_odds`, shape (n, k), are those of `NeighbourRows.links`; `log_odds`, shape (n,), are
+    those of the query.
     """
     query = len(log_odds)
     # The query is one more neighbour of each shape.

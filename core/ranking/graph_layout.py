@@ -21,12 +21,9 @@ EXTENT = 10.0
 def graph_positions(links: Ints, log_odds: Floats, start: Floats) -> Floats:
     """Return positions of n shapes, shape (n, 2); equal arguments give equal positions.
 
-    Parameters
-    ----------
-    links, log_odds : shape (n, k)
-        Those of `core.ranking.diffusion.NeighbourRows.links`.
-    start : float64, shape (n, 2)
-        Positions to begin with, in any unit. They keep shapes apart that no chain of links joins.
+    `links` and `log_odds`, shape (n, k), are those of `core.ranking.diffusion.NeighbourRows.links`. The
+    layout begins with the positions `start`, shape (n, 2), in any unit. They keep shapes apart that no chain
+    of links joins.
     """
     count = len(start)
     random = np.random.default_rng(0)

@@ -43,10 +43,8 @@ ENOUGH = 100
 class LocalDensities:
     """Distances of shapes to their seventh neighbours among the stored shapes.
 
-    Attributes
-    ----------
-    spectral, view, network : float64, shape (c,)
-        By eigenvalues, by views, and by views that a network sees, > 0.
+    `spectral`, `view` and `network`, float64 of shape (c,), > 0, are those by eigenvalues, by views, and by
+    views that a network sees.
     """
 
     spectral: Floats
@@ -63,15 +61,10 @@ def typical_densities(count: int) -> LocalDensities:
 def neighbour_distances(distances: Floats, typical: float) -> Floats:
     """Return the distance of each of c shapes to its seventh neighbour among n others, shape (c,).
 
-    With n below `ENOUGH`, the result is the geometric mean of the typical distance and of that to the seventh
-    neighbour, or to the last one of fewer; the weight of the latter is n / `ENOUGH`.
-
-    Parameters
-    ----------
-    distances : float64, shape (c, m)
-        Distances to the m shapes of a sample, >= 0; inf between a shape and itself.
-    typical : float
-        `TYPICAL_SPECTRAL`, `TYPICAL_VIEW` or `TYPICAL_NETWORK`.
+    `distances`, shape (c, m), are those to the m shapes of a sample, >= 0, and inf between a shape and
+    itself; `typical` is `TYPICAL_SPECTRAL`, `TYPICAL_VIEW` or `TYPICAL_NETWORK`. With n below `ENOUGH`, the
+    result is the geometric mean of the typical distance and of that to the seventh neighbour, or to the last
+    one of fewer; the weight of the latter is n / `ENOUGH`.
     """
     others = np.isfinite(distances).sum(axis=1)
     if not distances.shape[1]:

@@ -33,11 +33,9 @@ def quantised(points: Float32s) -> tuple[Float32s, Int8s]:
 def coarse_samples(embedding: Embedding) -> Bytes:
     """Return the first `COARSE_SAMPLES` samples in b spectral domains of k dimensions.
 
-    Returns
-    -------
-    uint8, shape (4 + 36 b k,)
-        The number of samples, int32; a scale for each column, float32; the coordinates over it, int8. The
-        scales are those of the samples alone, so the coordinates are finer than those of all points.
+    The result, uint8 of shape (4 + 36 b k,), has the number of samples, int32; a scale for each column,
+    float32; and the coordinates over it, int8. The scales are those of the samples alone, so the coordinates
+    are finer than those of all points.
     """
     count = min(int(embedding.regions.max()) + 1, COARSE_SAMPLES)
     points = np.concatenate([spectrum.coordinates[:count] for spectrum in embedding.spectra], axis=1)
@@ -66,12 +64,9 @@ def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> 
 
     Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. The query
     is a match record, the others are `core.matching.quantised_points`, and all were made with the parameters.
-
-    Returns
-    -------
-    float32, shape (c,)
-        In [-1, 1]; NaN if the bytes are not those of points, a coordinate is not finite, a region is not that
-        of a sample, or the number of columns is not that of the parameters.
+    The result, float32 of shape (c,), is in [-1, 1]; it is NaN if the bytes are not those of points, a
+    coordinate is not finite, a region is not that of a sample, or the number of columns is not that of the
+    parameters.
     """
     scores = np.full(len(others), np.nan, dtype=np.float32)
     readable = [i for i, points in enumerate(others) if points and len(points) % 4 == 0]

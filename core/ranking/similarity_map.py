@@ -32,12 +32,9 @@ class SimilarityMap:
 def similarity_map(signatures: Float32s, neighbours: NeighbourRows | None = None) -> SimilarityMap:
     """Lay n shapes out by their neighbours, or by their signatures; equal arguments give equal maps.
 
-    Parameters
-    ----------
-    signatures : float32, shape (n, s)
-        Log eigenvalues and global descriptors. The layout of neighbours begins with theirs.
-    neighbours : NeighbourRows, optional
-        The rows of the n shapes in the order of the signatures, empty where they are not known.
+    The `signatures`, float32 of shape (n, s), are log eigenvalues and global descriptors; the layout of
+    neighbours begins with theirs. `neighbours` has the rows of the n shapes in the order of the signatures,
+    empty where they are not known.
     """
     if not len(signatures):
         return SimilarityMap(np.empty((0, 2)), np.empty((0, 2), dtype=np.int64), 0)
@@ -69,14 +66,9 @@ def principal_positions(signatures: Float32s) -> Floats:
 def grid_cells(positions: Floats) -> tuple[Ints, int]:
     """Give each of n positions in [0, 1] a cell of a square grid.
 
-    The sum of the squared distances between the positions and the centres of their cells is least.
-
-    Returns
-    -------
-    int64, shape (n, 2)
-        Column and row, from 0; no two positions have one cell.
-    int
-        The number of columns, and of rows: the root of n, rounded up.
+    The sum of the squared distances between the positions and the centres of their cells is least. The
+    results are the column and row of each, int64 of shape (n, 2), from 0, which no two positions share; and
+    the number of columns, and of rows: the root of n, rounded up.
     """
     size = int(np.ceil(np.sqrt(len(positions))))
     cells = np.indices((size, size)).reshape(2, -1).T

@@ -36,12 +36,7 @@ class Instances:
 def may_be_instances(part: Floats, rows: Float32s | Floats) -> NDArray[np.bool_]:
     """Return whether pieces may be instances of a part, shape (k,), by the lengths of both.
 
-    Parameters
-    ----------
-    part : float, shape (w,)
-        A row of `core.descriptors.pieces.pieces`.
-    rows : float, shape (k, w)
-        Such rows.
+    `part`, shape (w,), is a row of `core.descriptors.pieces.pieces`, and `rows`, shape (k, w), are such rows.
     """
     sizes = np.maximum(rows[:, SIZE], np.finfo(np.float32).tiny)
     own, others = part / part[SIZE], rows / sizes[:, None]

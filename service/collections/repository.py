@@ -59,12 +59,8 @@ def create(session: WriteSession, name: str) -> bool:
 def remove(session: WriteSession, name: str, keep: timedelta) -> None:
     """Delete an empty collection and the records of its jobs. Deleted shapes can be restored for `keep`.
 
-    Raises
-    ------
-    CollectionNotFoundError
-    CollectionNotEmptyError
-        It is the default one, or has shapes, deleted shapes that can be restored, a source, or an unfinished
-        job.
+    Raise CollectionNotFoundError, or CollectionNotEmptyError if it is the default one, or has shapes, deleted
+    shapes that can be restored, a source, or an unfinished job.
     """
     collection = get(session, name)
     if collection == DEFAULT_COLLECTION:

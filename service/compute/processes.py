@@ -115,13 +115,8 @@ def _started(arguments: dict[str, Any]) -> BaseProcess:
 class WorkerProcess:
     """A process that answers one call at a time. One thread calls; any thread may kill the process.
 
-    `started` is the time of its start, of `time.monotonic`.
-
-    Parameters
-    ----------
-    answer_bytes : int, optional
-        The process is not trusted: nothing that it sends is unpickled (`worker_loop.decode`), and its answers
-        have at most so many bytes.
+    `started` is the time of its start, of `time.monotonic`. A process with `answer_bytes` is not trusted:
+    nothing that it sends is unpickled (`worker_loop.decode`), and its answers have at most so many bytes.
     """
 
     def __init__(self, *, answer_bytes: int | None = None) -> None:

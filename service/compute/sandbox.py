@@ -186,10 +186,8 @@ class _FileEnd(io.BytesIO):
 def enter(memory: int) -> None:
     """Load everything that reading needs, then confine this process for good.
 
-    Parameters
-    ----------
-    memory : int
-        Bytes of address space; an idle reader takes 760 to 790 MB. Larger allocations raise `MemoryError`.
+    `memory` has the bytes of address space; an idle reader takes 760 to 790 MB. Larger allocations raise
+    `MemoryError`.
     """
     triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])  # type: ignore[arg-type]
     for format in writable():

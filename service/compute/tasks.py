@@ -123,10 +123,7 @@ def ready_to_store(
 def score_embeddings(query: bytes, records: Sequence[bytes], parameters: Parameters) -> Scores:
     """Return the scores of a query with each of c embedding records; NaN for a record that fails.
 
-    Returns
-    -------
-    Scores
-        Arrays of shape (c,).
+    The arrays have the shape (c,).
     """
     scores = Scores(*(np.full(len(records), np.nan) for _ in range(3)))
     candidates = {}

@@ -64,11 +64,8 @@ SCHEMES = {
 def describe(app: FastAPI, refusals: Mapping[str, Sequence[str]]) -> None:
     """Add to the OpenAPI document of an app: problem documents, access and links.
 
-    Parameters
-    ----------
-    app : FastAPI
-    refusals : mapping of str to sequence of str
-        Parameters by name: the kinds of problem that an operation with the parameter may answer.
+    `refusals` has parameters by name, with the kinds of problem that an operation with the parameter may
+    answer.
     """
 
     def openapi() -> dict[str, Any]:

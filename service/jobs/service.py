@@ -155,10 +155,7 @@ class Jobs:
     def claim(self, runner: str, besides: Collection[str]) -> tuple[JobRow | None, bool]:
         """Clear old records, and take over a job that no living service runs, but none of some clients.
 
-        Returns
-        -------
-        tuple of (JobRow or None, bool)
-            The oldest such job, and whether any job is unfinished.
+        Return the oldest such job, or None, and whether any job is unfinished.
         """
         is_open = self.clear(timedelta(days=self._settings.job_days))
         if not is_open:
@@ -213,10 +210,7 @@ class Jobs:
     def clear(self, keep: timedelta) -> bool:
         """Delete records of jobs that ended before `keep`, and files of no job.
 
-        Returns
-        -------
-        bool
-            Whether a job is unfinished.
+        Return whether a job is unfinished.
         """
         with self._database.read() as session:
             active = repository.active(session)

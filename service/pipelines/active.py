@@ -39,12 +39,7 @@ class ActivePipeline:
 class Pipelines:
     """The active pipeline, as the database names it: `isoshape reembed` may change it at any time.
 
-    Parameters
-    ----------
-    wanted : Parameters
-        The parameters that the settings name.
-    room : int
-        Size of the cache of match records, in bytes.
+    `wanted` has the parameters that the settings name; the cache of match records has at most `room` bytes.
     """
 
     def __init__(self, wanted: Parameters, *, room: int = 0) -> None:

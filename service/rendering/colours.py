@@ -15,11 +15,7 @@ _NEIGHBOURS = 3
 def colours_of_points(points: Floats, format_up: Floats) -> Floats:
     """Return colours of p points by position: red, green and blue increase along x, y and z, in [0.1, 1].
 
-    Parameters
-    ----------
-    points : float64, shape (p, 3)
-    format_up : float64, shape (3, 3)
-        The rotation after which y is up.
+    `points` have the shape (p, 3); the rotation `format_up`, shape (3, 3), turns y up.
     """
     rotated = points @ format_up.T
     low, high = rotated.min(axis=0), rotated.max(axis=0)
@@ -30,10 +26,7 @@ def colours_of_points(points: Floats, format_up: Floats) -> Floats:
 def interpolate_colours(points: Floats, colours: Floats, vertices: Floats) -> NDArray[np.uint8]:
     """Interpolate colours of n vertices: means of the three nearest points by inverse squared distance.
 
-    Returns
-    -------
-    uint8, shape (n, 4)
-        Red, green, blue and opacity 255.
+    The result, uint8 of shape (n, 4), has red, green, blue and the opacity 255.
     """
     distances, near = KDTree(points).query(vertices, k=min(_NEIGHBOURS, len(points)))
     distances, near = distances.reshape(len(vertices), -1), near.reshape(len(vertices), -1)

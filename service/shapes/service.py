@@ -183,12 +183,7 @@ async def store_files(
 
     `change` gets a session, and a function that stores the bytes and the embedding of one of the files unless
     they are stored. If another pipeline becomes active meanwhile, all stages run again. If `change` raises,
-    nothing is stored.
-
-    Returns
-    -------
-    tuple of (T, collection of Embedded)
-        The result of `change`, and the new embeddings.
+    nothing is stored. Return the result of `change`, and the new embeddings.
     """
     timings = timings or Timings()
     while True:

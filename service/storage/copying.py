@@ -43,18 +43,11 @@ def copy_archive(source: Database, target: Database, advance: Advance) -> CheckR
     """Copy a whole archive into another database, which must be empty; return the numbers of what is copied.
 
     The copy shows one moment. Other processes may write to a PostgreSQL source meanwhile; writers to an
-    SQLite source wait.
+    SQLite source wait. `advance` is called with the name of a table, the number of its copied rows and the
+    number of all its rows.
 
-    Parameters
-    ----------
-    source, target : Database
-    advance : callable
-        Called with the name of a table, the number of its copied rows and the number of all its rows.
-
-    Raises
-    ------
-    ArchiveError
-        The source is not an archive of this version, the target is not empty, or the copy differs.
+    Raise ArchiveError if the source is not an archive of this version, the target is not empty, or the copy
+    differs.
     """
     migrate(target)
     with source.read() as reading, target.write() as writing:

@@ -75,10 +75,8 @@ class ReadSession(Session):
 class WriteSession(ReadSession):
     """A session of one transaction, committed at its end. Only one write session is open at a time.
 
-    Attributes
-    ----------
-    revision : int or None
-        Revision of the archive after the transaction; None until the transaction changes searchable data.
+    `revision` is that of the archive after the transaction; None until the transaction changes searchable
+    data.
     """
 
     def __init__(self, engine: Engine) -> None:

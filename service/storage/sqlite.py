@@ -159,12 +159,8 @@ class ArchiveLock:
 class ServingLock(ArchiveLock):
     """The lock of the one process that serves an archive; its file names that process and its `address`.
 
-    Raises
-    ------
-    ArchiveServedError
-        Another process serves the archive; the message names it.
-    StorageFullError, StorageUnavailableError
-        The lock file cannot be created or written.
+    Raise ArchiveServedError if another process serves the archive; the message names it. Raise
+    StorageFullError or StorageUnavailableError if the lock file cannot be created or written.
     """
 
     def __init__(self, archive: Path, address: str) -> None:
@@ -199,13 +195,7 @@ class DatabaseFile:
     """The file of an archive, and a reserve of disk beside it.
 
     SQLite writes the previous content of changed pages to a journal, so that a deletion needs room too. On a
-    full disk a deletion has the room of the reserve.
-
-    Parameters
-    ----------
-    path : Path
-    keeps_reserve : bool
-        Whether the disk has a reserve.
+    full disk a deletion has the room of the reserve, which the disk has if it `keeps_reserve`.
     """
 
     def __init__(self, path: Path, *, keeps_reserve: bool = True) -> None:
