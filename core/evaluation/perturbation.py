@@ -12,7 +12,6 @@ from core.arrays import Floats, Ints
 from core.graph.edge_graph import edge_graph
 from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE
 from core.mesh.simplification import check_amount
 from core.mesh.subdivision import edge_table, refine, split_faces
 
@@ -59,7 +58,7 @@ def subdivide(mesh: Mesh, amount: float, seed: int) -> Mesh:
     middle = np.full(len(edges), -1, dtype=np.int64)
     middle[drawn] = len(mesh.vertices) + np.arange(len(drawn))
     vertices = np.concatenate([mesh.vertices, mesh.vertices[edges[drawn]].mean(axis=1)])
-    return Mesh(vertices, split_faces(mesh.faces, middle[of_face], vertices, TIE))
+    return Mesh(vertices, split_faces(mesh.faces, middle[of_face], vertices))
 
 
 def drawn_centres(mesh: Mesh, count: int, seed: int) -> Ints:

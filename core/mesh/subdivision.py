@@ -30,11 +30,11 @@ def _distance(vertices: Floats, start: int, end: int) -> float:
 
 
 @compiled_for_reading
-def split_faces(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints:
+def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
     """Return the faces after the subdivision of edges: the uncut ones, then those with 1, 2 and 3 midpoints.
 
     A face with two midpoints is cut along the shorter diagonal, or at the earlier vertex if both are equal up
-    to the share `tie`. `middle`, shape (f, 3), has the vertex at the midpoint of each face's edges 01, 12 and
+    to the share `TIE`. `middle`, shape (f, 3), has the vertex at the midpoint of each face's edges 01, 12 and
     20, and -1 where the edge is not split.
     """
     counts = np.zeros(4, dtype=np.int64)
@@ -68,7 +68,7 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats, tie: float) -> Ints
             pieces[row + step] = ab, b, c
         elif number == 2:
             across, diagonal = _distance(vertices, a, bc), _distance(vertices, ab, c)
-            short = a < c if abs(across - diagonal) <= tie * diagonal else across < diagonal
+            short = a < c if abs(across - diagonal) <= TIE * diagonal else across < diagonal
             pieces[row] = ab, b, bc
             pieces[row + step] = a, ab, bc if short else c
             pieces[row + 2 * step] = a if short else ab, bc, c
@@ -98,7 +98,7 @@ def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
         start, end = edges[long].T
         # A zero of either sign becomes +0.
         vertices = np.concatenate([vertices, 0.5 * (vertices[start] + vertices[end]) + 0.0])
-        faces = split_faces(faces, middle[of_face], vertices, TIE)
+        faces = split_faces(faces, middle[of_face], vertices)
     return mesh if faces is mesh.faces else Mesh(vertices, faces)
 
 

@@ -16,7 +16,6 @@ from core.arrays import Floats
 from core.mesh.cleaning import merge_vertices
 from core.mesh.edges import edge_lengths
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE
 from core.mesh.subdivision import edge_table, refine, split_faces
 from core.registration.probed_surface import ProbedSurface
 from core.registration.similarity import Similarity, to_unit_area
@@ -119,7 +118,7 @@ class _Refined:
         middle[split] = len(self.vertices) + np.arange(len(split))
         added = 0.5 * (self.vertices[start[split]] + self.vertices[end[split]])
         self.vertices = np.concatenate([self.vertices, added])
-        self.faces = split_faces(self.faces, middle[of_face], self.vertices, TIE)
+        self.faces = split_faces(self.faces, middle[of_face], self.vertices)
         gaps, deviating = self._measured(added)
         self.gaps = np.concatenate([self.gaps, gaps])
         self.deviating = np.concatenate([self.deviating, deviating])

@@ -65,14 +65,14 @@ def sort_and_cut(weights: Floats, count: int) -> Ints:
     return np.argsort(-tied_ranks(weights, ROUNDING), kind="stable")[:count].astype(np.int64)
 
 
-def keyed_uniform(points: Floats, seed: int, digits: int = 4) -> Floats:
+def keyed_uniform(points: Floats, seed: int) -> Floats:
     """Return pseudo-random numbers in [0, 1), one for each point, that depend on its position alone.
 
-    Coordinates in the normal frame, shape (n, 3), are rounded to `digits` decimals and hashed with the seed,
+    Coordinates in the normal frame, shape (n, 3), are rounded to four decimals and hashed with the seed,
     a signed 64-bit number, so a surface gives the same draw for any order of its vertices.
     """
     key = seed.to_bytes(8, "little", signed=True)
-    cells = np.rint(np.ascontiguousarray(points) * 10**digits).astype("<i8")
+    cells = np.rint(np.ascontiguousarray(points) * 10**4).astype("<i8")
     numbers = [
         int.from_bytes(hashlib.blake2b(cell.tobytes(), digest_size=8, key=key).digest(), "little")
         for cell in cells

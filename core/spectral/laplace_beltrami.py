@@ -64,9 +64,9 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
     return csc_array(stiffness), np.maximum(areas, 1e-9 * areas.mean())
 
 
-def laplace_beltrami(mesh: Mesh, count: int, bridges: Ints | None = None) -> tuple[Floats, Floats]:
+def laplace_beltrami(mesh: Mesh, count: int) -> tuple[Floats, Floats]:
     """Return the first `count` eigenpairs after the constant one, as `laplace_beltrami_spectrum` does."""
-    return laplace_beltrami_spectrum(mesh, count, 0, bridges)[:2]
+    return laplace_beltrami_spectrum(mesh, count, 0)[:2]
 
 
 def laplace_beltrami_spectrum(

@@ -329,17 +329,16 @@ def _is_finite(embedding: Embedding) -> bool:
     )
 
 
-def _bumpy_sheet(side: int = 14) -> Mesh:
-    """Return a square grid of `side` by `side` vertices with hills, of no symmetry."""
-    x, y = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1.3, side), indexing="ij")
+def _bumpy_sheet() -> Mesh:
+    """Return a square grid of 14 by 14 vertices with hills, of no symmetry."""
+    x, y = np.meshgrid(np.linspace(0, 1, 14), np.linspace(0, 1.3, 14), indexing="ij")
     z = 0.3 * np.sin(3 * x + y) * np.cos(4 * y * y)
     return _grid(np.stack([x, y, z], axis=-1), closed=False)
 
 
-def _ring(around: int = 16, across: int = 10) -> Mesh:
+def _ring() -> Mesh:
     """Return a closed surface: a torus, thicker on one side."""
-    angles = np.arange(around) / around, np.arange(across) / across
-    long, short = np.meshgrid(*(2.0 * np.pi * each for each in angles), indexing="ij")
+    long, short = np.meshgrid(*(2.0 * np.pi * np.arange(n) / n for n in (16, 10)), indexing="ij")
     thick = 0.3 + 0.1 * np.cos(long)
     far = 1.0 + thick * np.cos(short)
     return _grid(

@@ -7,7 +7,6 @@ from trimesh.proximity import closest_point_naive
 from core.mesh.cleaning import face_areas
 from core.mesh.edges import half_edges
 from core.mesh.mesh import Mesh
-from core.mesh.ordering import TIE
 from core.mesh.subdivision import refine, split_faces, split_long_edges
 from tests.core.shapes import (
     area,
@@ -120,7 +119,7 @@ def test_a_face_with_two_midpoints_is_cut_along_the_shorter_diagonal(turn):
     for corners in np.random.default_rng(turn).normal(size=(20, 3, 3)):
         vertices = np.concatenate([corners, (corners[:2] + corners[1:]) / 2.0])
         face, middle = np.roll([0, 1, 2], turn), np.roll([3, 4, -1], turn)
-        pieces = split_faces(face[None], middle[None], vertices, TIE)
+        pieces = split_faces(face[None], middle[None], vertices)
         edges = half_edges(pieces).edges.tolist()
         lengths = {(a, b): np.linalg.norm(vertices[a] - vertices[b]) for a, b in ((0, 4), (2, 3))}
         assert [list(ends) in edges for ends in lengths] == [
