@@ -4,8 +4,8 @@ import asyncio
 import math
 import time
 from collections import Counter, deque
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from weakref import WeakValueDictionary
 
@@ -18,6 +18,17 @@ current_client: ContextVar[str] = ContextVar("client", default="")
 MOST_SECONDS = 5.0
 PATIENCE_SECONDS = 5.0
 """The longest wait for a place of a client's own."""
+
+
+@contextmanager
+def counted(numbers: Counter[str], client: str) -> Iterator[None]:
+    """Count one more for a client until the end of the block. A client without any is forgotten."""
+    numbers[client] += 1
+    try:
+        yield
+    finally:
+        numbers[client] -= 1
+        numbers += Counter()
 
 
 class Pace:

@@ -2,7 +2,6 @@
 
 import asyncio
 import time
-from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from typing import Annotated, Any
@@ -23,7 +22,7 @@ from service.jobs.zip_archive import check_zip, shown
 from service.shapes.endpoints import FormMetadata, FormTags, PageOptions
 from service.shapes.fields import Id, base_name
 from service.shapes.schemas import read_cursor
-from service.turns import current_client
+from service.turns import counted, current_client
 
 ADDRESS = "/jobs"
 ARCHIVE_CHARACTERS = 255
@@ -78,13 +77,8 @@ async def _following(runner: InRunner, _collection: InCollection) -> AsyncIterat
     own = runner.followers[client]
     if own >= FOLLOWERS - total:
         raise BusyError(f"{total} streams are open, {own} of them of this client; GET the job instead")
-    runner.followers[client] += 1
-    try:
+    with counted(runner.followers, client):
         yield
-    finally:
-        runner.followers[client] -= 1
-        # Clients without a stream are forgotten.
-        runner.followers += Counter()
 
 
 class ArchiveUpload(BaseModel):

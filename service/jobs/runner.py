@@ -43,7 +43,7 @@ from service.shapes.records import NewShape, StoredShape
 from service.shapes.service import ingest
 from service.storage.database import WriteSession
 from service.storage.tables import JobFileRow, JobRow
-from service.turns import Turns, current_client
+from service.turns import Turns, counted, current_client
 
 log = get_logger("jobs")
 
@@ -113,13 +113,8 @@ class Runner:
             raise BusyError(
                 f"{ARRIVING} archives of this client are being received; try again when one is complete"
             )
-        self._arriving[client] += 1
-        try:
+        with counted(self._arriving, client):
             yield
-        finally:
-            self._arriving[client] -= 1
-            # Clients without an archive are forgotten.
-            self._arriving += Counter()
 
     async def stop(self) -> None:
         """Stop at once: the next start continues with the members that are not stored."""
@@ -217,12 +212,8 @@ class Runner:
                     await self._database.writing(repository.settle, file, "refused", fault=data)
                     continue
                 await self._container.queue.until_spare(self._active.total, lambda: self._active[job.client])
-                self._active[job.client] += 1
-                try:
+                with counted(self._active, job.client):
                     await self._store(job, file, data)
-                finally:
-                    self._active[job.client] -= 1
-                    self._active += Counter()
 
     async def _store(self, job: JobRow, file: JobFileRow, data: bytes) -> None:
         """Store a member like an upload, or write the reason of refusal."""
