@@ -16,6 +16,7 @@ import numpy as np
 import qdldl
 from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
+from scipy.linalg import eigvals_banded
 from scipy.sparse import csc_array, csc_matrix
 
 from core.arrays import Floats, Ints
@@ -44,6 +45,9 @@ LOST, LOST_LATER = 1e-12, 1e-7
 and later. Up to the square root of the rounding error, 1e-8, the computed matrix is the exact one of the
 space but for rounding (H. Simon, "The Lanczos algorithm with partial reorthogonalization", Mathematics of
 Computation 42, 1984)."""
+
+AT_A_TIME = 48
+"""Basis vectors that are read at a time, so that both products find them in the cache of a processor."""
 
 DEPENDENT = 1e-3
 """Ratio of the least to the largest length in a block below which its Cholesky factor is too inaccurate."""
@@ -183,27 +187,29 @@ def _by_blocks(
     projected = np.zeros((room, room))
     basis[0] = known
     before, start, end = 1, 1, 1 + block
-    random = np.random.default_rng(0).standard_normal((size, block))
+    random = np.random.default_rng(0).standard_normal((size, block)).T
     basis[start:end] = _orthonormal(random, basis[:start])[0]
     total = known.copy()
     check, lost = 3 * count + 4 * block, False
     found: tuple[Floats, Floats, int] | None = None
     while found is None or end < last:
         # The next block: the inverse times the last one, less its parts in the last two.
-        new = factor.solve(basis[start:end].T)
+        new = factor.solve(basis[start:end].T).T
         near = basis[before:end]
-        products = near @ new
-        projected[before:end, start:end] = products
-        new -= near.T @ products
+        products = new @ near.T
+        projected[before:end, start:end] = products.T
+        new -= products @ near
         # Orthogonality is lost in the directions of converged eigenvectors, to which every basis vector
         # contributes: their sum shows it. A loss lasts for two blocks, as the recurrence reads both.
         total += basis[start:end].sum(axis=0)
-        gram = new.T @ new
+        gram = new @ new.T
         limit = (LOST if found is None else LOST_LATER) * np.sqrt(gram.diagonal().min())
-        again, lost = lost, bool(np.abs(total @ new).max() > limit)
+        again, lost = lost, bool(np.abs(new @ total).max() > limit)
         if lost or again:
-            new -= basis[:end].T @ (basis[:end] @ new)
-            gram = new.T @ new
+            for first in range(0, end, AT_A_TIME):
+                few = basis[first : min(end, first + AT_A_TIME)]
+                new -= (new @ few.T) @ few
+            gram = new @ new.T
         # Orthonormal vectors of the block.
         following, lengths = _orthonormal_block(new, gram, basis[:end])
         if found is None and end >= check:
@@ -223,7 +229,11 @@ def _by_blocks(
             raise LinAlgError("the eigenvalues do not converge")
         before, start, end = start, end, end + block
         basis[start:end] = following
-    values = np.linalg.eigvalsh(projected[1:start, 1:start], UPLO="U")[: -more - 1 : -1]
+    # Blocks are coupled by triangles, so the matrix is a band.
+    band = np.zeros((block + 1, start - 1))
+    for above in range(block + 1):
+        band[block - above, above:] = projected[1:start, 1:start].diagonal(above)
+    values = eigvals_banded(band, overwrite_a_band=True, check_finite=False)[: -more - 1 : -1]
     return *found, np.asarray(values, dtype=np.float64)
 
 
@@ -234,9 +244,9 @@ def _copies(values: Floats) -> int:
 
 
 def _orthonormal_block(vectors: Floats, gram: Floats, basis: Floats) -> tuple[Floats, Floats]:
-    """Return orthonormal rows Q and an upper triangle R with Q^T R = vectors.
+    """Return orthonormal rows Q and an upper triangle R with R^T Q = vectors.
 
-    The columns are orthogonal to the basis. If they are nearly dependent, some rows of Q are other vectors
+    The rows are orthogonal to the basis. If they are nearly dependent, some rows of Q are other vectors
     orthogonal to the basis.
     """
     try:
@@ -245,13 +255,13 @@ def _orthonormal_block(vectors: Floats, gram: Floats, basis: Floats) -> tuple[Fl
         return _orthonormal(vectors, basis)
     if lower.diagonal().min() < DEPENDENT * lower.diagonal().max():
         return _orthonormal(vectors, basis)
-    return np.linalg.inv(lower) @ vectors.T, lower.T
+    return np.linalg.inv(lower) @ vectors, lower.T
 
 
 def _orthonormal(vectors: Floats, basis: Floats) -> tuple[Floats, Floats]:
     """Return what `_orthonormal_block` returns, for any vectors."""
-    lengths = np.eye(vectors.shape[1])
+    lengths = np.eye(len(vectors))
     for _ in range(2):
-        vectors, changed = np.linalg.qr(vectors - basis.T @ (basis @ vectors))
-        lengths = changed @ lengths
-    return vectors.T, lengths
+        columns, changed = np.linalg.qr((vectors - (vectors @ basis.T) @ basis).T)
+        vectors, lengths = columns.T, changed @ lengths
+    return vectors, lengths
