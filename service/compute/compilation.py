@@ -116,7 +116,7 @@ def _watched(advance: Callable[[int, int], object]) -> Iterator[None]:
         while not ended.wait(ASK_SECONDS):
             modules = list(sys.modules.items())
             ours = [module for name, module in modules if name.startswith(("core.", "service."))]
-            compiled = [bool(kernel.signatures) for kernel in _kernels(ours)]
+            compiled = [bool(kernel.overloads) for kernel in _kernels(ours)]
             advance(sum(compiled), len(compiled))
 
     thread = threading.Thread(target=watch, daemon=True, name="isoshape-compiling")
