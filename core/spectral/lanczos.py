@@ -40,14 +40,13 @@ the last tenth have up to 0.05."""
 EQUAL = 1e-6
 """Relative difference below which eigenvalues count as copies of one."""
 
-LOST, LOST_LATER = 1e-12, 1e-7
+LOST, LOST_LATER = 1e-12, 1e-5
 """Inner products of basis vectors above which they are made orthogonal again, until the eigenpairs converge,
-and later. Up to the square root of the rounding error, 1e-8, the computed matrix is the exact one of the
-space but for rounding (H. Simon, "The Lanczos algorithm with partial reorthogonalization", Mathematics of
-Computation 42, 1984)."""
+and later. The computed matrix is the exact one of the space but for the square of the loss, 1e-10 (H. Simon,
+"The Lanczos algorithm with partial reorthogonalization", Mathematics of Computation 42, 1984)."""
 
-AT_A_TIME = 48
-"""Basis vectors that are read at a time, so that both products find them in the cache of a processor."""
+CACHED = 120_000
+"""Numbers of the basis read at a time, so that both products find them in the cache of a processor."""
 
 DEPENDENT = 1e-3
 """Ratio of the least to the largest length in a block below which its Cholesky factor is too inaccurate."""
@@ -183,7 +182,7 @@ def _by_blocks(
     size = len(known)
     last = min(int(SPACE * more), size - block)
     room = min(size, max(10 * count + 40 * block, last + block))
-    basis = np.empty((room, size))
+    basis, few_rows = np.empty((room, size)), 1 + CACHED // size
     projected = np.zeros((room, room))
     basis[0] = known
     before, start, end = 1, 1, 1 + block
@@ -206,8 +205,8 @@ def _by_blocks(
         limit = (LOST if found is None else LOST_LATER) * np.sqrt(gram.diagonal().min())
         again, lost = lost, bool(np.abs(new @ total).max() > limit)
         if lost or again:
-            for first in range(0, end, AT_A_TIME):
-                few = basis[first : min(end, first + AT_A_TIME)]
+            for first in range(0, end, few_rows):
+                few = basis[first : min(end, first + few_rows)]
                 new -= (new @ few.T) @ few
             gram = new @ new.T
         # Orthonormal vectors of the block.
