@@ -177,7 +177,7 @@ class Pipeline:
         IncompatibleEmbeddingsError
             An embedding was made with other parameters.
         """
-        embeddings = embeddings or (self.embed(first), self.embed(second))
+        embeddings = embeddings or (self.embed(first, ()), self.embed(second, ()))
         pairs, mirrored = self.correspondences(*embeddings)
         with guarded():
             surfaces = (

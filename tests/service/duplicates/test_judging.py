@@ -65,7 +65,9 @@ def running(shared: Running) -> Running:
 
 def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
     for name, data in parts(10):
-        running.store(data, name)
+        # The two whose surfaces take longest have no copy among the ten.
+        if not name.startswith(("bolt", "bracket")):
+            running.store(data, name)
     copies, with_variants = groups_by_force(running.container)
     assert len(copies) >= 2
     assert copies != with_variants
