@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
-from core.dense.confidence import spectral_confidence
+from core.dense.confidence import distortion, spectral_confidence
 from core.dense.functional_maps import FINE, basis, functional_map, nearest_both_ways
 from core.dense.working_surface import WorkingSurface
 from core.embedding import DenseCorrespondence
@@ -39,10 +39,14 @@ _LEAST = 1e-3
 
 
 class _VertexMap(NamedTuple):
-    """A vertex of the other surface for each of w vertices, with a confidence in [0, 1], and the way back."""
+    """A vertex of the other surface for each of w vertices, and the way back.
+
+    Each has a confidence in [0, 1], and a stretch as in `stretch`.
+    """
 
     forward: Ints
     confidence: Floats
+    stretch: Floats
     backward: Ints
 
 
@@ -68,6 +72,7 @@ class Partners(NamedTuple):
 
     vertices: Ints
     confidence: Floats
+    stretch: Floats
     partnered: NDArray[np.bool_]
     displacement: Floats | None
 
@@ -120,7 +125,7 @@ class SurfaceMap:
         return DenseCorrespondence(
             vertices=other.given[partners.vertices][nearest].astype(np.int32),
             confidence=np.where(partners.partnered, partners.confidence, 0.0)[nearest].astype(np.float32),
-            stretch=stretch(surface.mesh, other.mesh, partners.vertices)[nearest].astype(np.float32),
+            stretch=partners.stretch[nearest].astype(np.float32),
             displacement=None if displacement is None else displacement[nearest].astype(np.float32),
             partnered=partners.partnered[nearest],
             scale=scale,
@@ -187,7 +192,7 @@ def surface_map(
     rotation, count, cost, reverses = functional_map(*bases, starts, mirrored, held)
     size = len(rotation)
     rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
-    maps = _vertex_maps(*rows, cost, count)
+    maps = _vertex_maps(surfaces, rows, (bases[0].areas, bases[1].areas), cost, count)
 
     if motion is None:
         forward = _mapped_partners(first, samples[0].unit, maps[0])
@@ -196,8 +201,8 @@ def surface_map(
         return SurfaceMap(surfaces, rows, None, (forward, backward), scale, count, cost, reverses)
     registered = _registered(first, second, samples, motion)
     reversed_ = _registered(second, first, samples[::-1], motion.inverse)
-    forward = _registered_partners(first, samples[0].unit, maps[0], registered, reversed_)
-    backward = _registered_partners(second, samples[1].unit, maps[1], reversed_, registered)
+    forward = _registered_partners(surfaces, samples[0].unit, maps[0], registered, reversed_)
+    backward = _registered_partners(surfaces[::-1], samples[1].unit, maps[1], reversed_, registered)
     whole = units[0].then(motion).then(units[1].inverse)
     reverses = bool(np.linalg.det(motion.rotation) < 0.0)
     scale = motion.scale / same_units
@@ -210,28 +215,45 @@ def _vertices(surfaces: tuple[WorkingSurface, WorkingSurface], pairs: Ints) -> I
 
 
 def _vertex_maps(
-    rotated: Floats, functions: Floats, cost: float, count: int
+    surfaces: tuple[WorkingSurface, WorkingSurface],
+    rows: tuple[Floats, Floats],
+    areas: tuple[Floats, Floats],
+    cost: float,
+    count: int,
 ) -> tuple[_VertexMap, _VertexMap]:
     """Return the maps by nearest neighbours in the common spectral domain, there and back."""
+    (first, second), (rotated, functions) = surfaces, rows
     forward, backward = nearest_both_ways(rotated, functions)
+    stretches = stretch(first.mesh, second.mesh, forward), stretch(second.mesh, first.mesh, backward)
+    whole = cost, distortion(stretches, areas), count
+    confidences = (
+        spectral_confidence(rotated, functions[forward], *whole),
+        spectral_confidence(functions, rotated[backward], *whole),
+    )
     return (
-        _VertexMap(forward, spectral_confidence(rotated, functions[forward], cost, count), backward),
-        _VertexMap(backward, spectral_confidence(functions, rotated[backward], cost, count), forward),
+        _VertexMap(forward, confidences[0], stretches[0], backward),
+        _VertexMap(backward, confidences[1], stretches[1], forward),
     )
 
 
 def _mapped_partners(surface: WorkingSurface, unit: float, map_: _VertexMap) -> Partners:
     """Return partners by the functional map alone."""
-    return Partners(map_.forward, map_.confidence, _astray(surface, unit, map_) <= ASTRAY, None)
+    partnered = _astray(surface, unit, map_) <= ASTRAY
+    return Partners(map_.forward, map_.confidence, map_.stretch, partnered, None)
 
 
 def _registered_partners(
-    surface: WorkingSurface, unit: float, map_: _VertexMap, registered: _Registered, reversed_: _Registered
+    surfaces: tuple[WorkingSurface, WorkingSurface],
+    unit: float,
+    map_: _VertexMap,
+    registered: _Registered,
+    reversed_: _Registered,
 ) -> Partners:
     """Return partners by registration where the surfaces coincide, by the functional map elsewhere.
 
     Only a place of the other surface that coincides with none can be the partner of a place that does not.
     """
+    surface, other = surfaces
     vertices = np.where(registered.coincide, registered.nearest, map_.forward)
     elsewhere = ~reversed_.coincide[vertices] & (_astray(surface, unit, map_) <= ASTRAY_RIGID)
     far = np.linalg.norm(registered.moved - reversed_.points[vertices], axis=1)
@@ -239,6 +261,7 @@ def _registered_partners(
     return Partners(
         vertices=vertices,
         confidence=np.where(registered.coincide, 1.0 - 0.5 * registered.gaps / NEAR, map_.confidence),
+        stretch=stretch(surface.mesh, other.mesh, vertices),
         partnered=registered.coincide | elsewhere,
         displacement=distances * registered.length * surface.unit,
     )

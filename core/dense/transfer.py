@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.arrays import Floats, Ints
-from core.dense.confidence import spectral_confidence
 from core.dense.dense_correspondence import SurfaceMap
 from core.dense.functional_maps import nearest_both_ways
 from core.dense.working_surface import Places, WorkingSurface
@@ -78,8 +77,8 @@ def transferred_points(map_: SurfaceMap, points: Floats) -> TransferredPoints:
     corners = first.mesh.faces[places.faces]
     rows = np.einsum("pc,pck->pk", places.shares, map_.rows[0][corners])
     nearest = nearest_both_ways(rows, map_.rows[1])[0]
-    ends, met = _nearest_on_triangles(rows, map_.rows[1], second.mesh.faces, nearest)
-    partners, confidence = second.points(ends), spectral_confidence(rows, met, map_.cost, map_.maps)
+    partners = second.points(_nearest_on_triangles(rows, map_.rows[1], second.mesh.faces, nearest))
+    confidence = np.einsum("pc,pc->p", places.shares, map_.partners[0].confidence[corners])
     if map_.motion is not None:
         moved = map_.motion.apply(points)
         gaps = np.linalg.norm(second.points(second.places(moved)) - moved, axis=1) / second.root_of_area
@@ -91,25 +90,21 @@ def transferred_points(map_: SurfaceMap, points: Floats) -> TransferredPoints:
     return TransferredPoints(second.on_original(partners), np.where(partnered, confidence, 0.0))
 
 
-def _nearest_on_triangles(
-    rows: Floats, functions: Floats, faces: Ints, nearest: Ints
-) -> tuple[Places, Floats]:
-    """Return the places nearest to p rows on the triangles about a vertex each, and the rows there.
+def _nearest_on_triangles(rows: Floats, functions: Floats, faces: Ints, nearest: Ints) -> Places:
+    """Return the places nearest to p rows on the triangles about a vertex each.
 
     `rows` has shape (p, k), `functions` (m, k), `faces` (f, 3) and `nearest` (p,).
     """
     order = np.argsort(faces.ravel(), kind="stable")
     starts = np.searchsorted(faces.ravel()[order], np.arange(len(functions) + 1))
     places = Places(np.empty(len(rows), dtype=np.int64), np.empty((len(rows), 3)))
-    met = np.empty_like(rows)
     for i, vertex in enumerate(nearest):
         about = order[starts[vertex] : starts[vertex + 1]] // 3
         corners = functions[faces[about]]
         shares, squares = _closest_shares(corners - rows[i])
         best = int(squares.argmin())
         places.faces[i], places.shares[i] = about[best], shares[best]
-        met[i] = shares[best] @ corners[best]
-    return places, met
+    return places
 
 
 def _closest_shares(corners: Floats) -> tuple[Floats, Floats]:

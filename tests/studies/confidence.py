@@ -10,7 +10,7 @@ partner; `differences.csv` has the mean difference of the two by kind, and `fit.
 if confidence and share differ by more than 0.1 in the mean over all vertices.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -20,12 +20,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from core.arrays import Floats, Ints
-from core.dense.confidence import NEAR_TRUTH, agreement
+from core.dense.confidence import NEAR_TRUTH, agreement, distortion
 from core.embedding import Embedding
 from core.evaluation.correspondence_errors import drawn_pairs, surface_distances
 from core.gallery import CLASSES
 from core.gallery.bodies import individual_partners, make_body
-from core.mesh.cleaning import face_areas
+from core.mesh.cleaning import face_areas, vertex_areas
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from service.evaluation.template_truth import known_of, read_truth
@@ -93,10 +93,13 @@ def judged(first: Mesh, second: Mesh, truth: Truth) -> tuple[Floats, Floats, Flo
     right = (errors <= NEAR_TRUTH).astype(np.float64)
     # Rigid copies, symmetric shapes and places without a partner are judged otherwise.
     of_map = way.partnered & (way.displacement is None and way.maps == 1)
-    costs = np.full(len(agreements), found.cost)
+    meshes = [each.mesh for each in found.surfaces]
+    areas = [vertex_areas(mesh.vertices, mesh.faces) for mesh in meshes]
+    distorted = distortion([each.stretch for each in found.partners], areas)
+    features = np.column_stack([agreements, np.full((len(agreements), 2), (found.cost, distorted))])
     return (
         way.confidence[chosen].astype(np.float64),
-        np.where(of_map[:, None], np.column_stack([agreements, costs]), np.nan)[chosen],
+        np.where(of_map[:, None], features, np.nan)[chosen],
         right[chosen],
     )
 
@@ -134,13 +137,21 @@ def _errors_at(vertices: Ints, distances: Floats) -> Truth:
     return errors
 
 
-def fitted(features: Floats, right: Floats) -> Floats:
-    """Return the coefficients of a logistic regression, the intercept first (maximum likelihood)."""
+def fitted(tables: Sequence[Sequence[Floats]]) -> Floats:
+    """Return the coefficients of a logistic regression, the intercept first (maximum likelihood).
+
+    Each table has columns as of `judged`; all tables count alike.
+    """
+    known = [(features, right) for _, features, right in tables if np.isfinite(features).any()]
+    told = [np.isfinite(features).all(axis=1) for features, _ in known]
+    kept = [(features[rows], right[rows]) for (features, right), rows in zip(known, told, strict=True)]
+    features, right = (np.concatenate(column) for column in zip(*kept, strict=True))
+    counts = np.concatenate([np.full(len(each), 1.0 / len(each)) for _, each in kept]) / len(kept)
     design = np.column_stack([np.ones(len(right)), features])
 
     def loss(weights: Floats) -> float:
         scores = design @ weights
-        return float((np.logaddexp(0.0, scores) - right * scores).mean())
+        return float(counts @ (np.logaddexp(0.0, scores) - right * scores))
 
     return np.asarray(minimize(loss, np.zeros(design.shape[1]), method="Powell").x)
 
@@ -154,13 +165,12 @@ def main(folder: Path, limit: int, vertices: int, tosca: Path | None) -> bool:
     tables = {
         kind: [np.concatenate(column) for column in zip(*each, strict=True)] for kind, each in found.items()
     }
-    confidence, features, right = (np.concatenate(column) for column in zip(*tables.values(), strict=True))
+    confidence, _, right = (np.concatenate(column) for column in zip(*tables.values(), strict=True))
     rows = [row for kind, (sure, _, known) in tables.items() for row in diagram(kind, sure, known)]
     together = diagram("all", confidence, right)
     write(folder / "confidence.csv", rows + together)
-    of_map = np.isfinite(features).all(axis=1)
-    names = "intercept", "agreement", "cost"
-    write(folder / "fit.csv", [dict(zip(names, fitted(features[of_map], right[of_map]), strict=True))])
+    names = "intercept", "agreement", "cost", "distortion"
+    write(folder / "fit.csv", [dict(zip(names, fitted(list(tables.values())), strict=True))])
     off = {kind: _difference([row for row in rows if row["kind"] == kind]) for kind in tables}
     off["all"] = _difference(together)
     write(folder / "differences.csv", [off])
