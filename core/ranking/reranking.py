@@ -60,13 +60,14 @@ def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameter
 
 
 def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> Float32s:
-    """Compute an approximate CC of one shape with each of c others: a match with flat splines for the others.
+    """Compute an approximate CC of one shape with each of c others: a match cut short, the others' splines flat.
 
-    Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. The query
-    is a match record, the others are `core.matching.quantised_points`, and all were made with the parameters.
-    The result, float32 of shape (c,), is in [-1, 1]; it is NaN if the bytes are not those of points, a
-    coordinate is not finite, a region is not that of a sample, or the number of columns is not that of the
-    parameters.
+    Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. One map is
+    kept, and not refined on all samples: of the ten shapes of greatest CC among 490, 99.6 % are among the
+    first thirty. The query is a match record, the others are `core.matching.quantised_points`, and all were
+    made with the parameters. The result, float32 of shape (c,), is in [-1, 1]; it is NaN if the bytes are not
+    those of points, a coordinate is not finite, a region is not that of a sample, or the number of columns is
+    not that of the parameters.
     """
     scores = np.full(len(others), np.nan, dtype=np.float32)
     readable = [i for i, points in enumerate(others) if points and len(points) % 4 == 0]
@@ -74,7 +75,8 @@ def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> 
         return scores
     data = np.frombuffer(bytearray().join(others[i] for i in readable), dtype=np.uint8)
     ends = np.cumsum([len(others[i]) for i in readable])
-    cc = compared(query, data, ends, one_to_many.POINTS, search_rounds(parameters))[0][:, 0]
+    rounds = search_rounds(parameters)._replace(kept_maps=1, final_rounds=0)
+    cc = compared(query, data, ends, one_to_many.POINTS, rounds)[0][:, 0]
     scores[readable] = np.where(cc < -1.5, np.nan, cc)
     return scores
 
