@@ -162,13 +162,14 @@ async def search(
     active_pipeline: ActivePipeline,
     *,
     advise: bool = True,
+    shared: CandidateReader | None = None,
 ) -> QueryAnswer:
     """Find the stored shapes most like the query, or those that it is a part of.
 
     Stages: embed the query; find its candidates, or a shortlist of them; score the candidates; read the
     results; tell the likeness of each. With `advise`, tell of another order whose first result has a better
     likeness; and if the filter by size left nothing, of shapes larger or smaller by one of `FACTORS` (a unit
-    mistake).
+    mistake). Queries side by side have a `shared` reader.
 
     Raises
     ------
@@ -180,9 +181,9 @@ async def search(
     query = await make_query(active_pipeline, timings)
     options = options.model_copy(update={"rank_by": options.rank_by or container.settings.rank_by})
     rank_by: RankBy = "cc" if options.partial or options.rank_by is None else options.rank_by
-    reader = CandidateReader(container, active_pipeline)
+    reader = shared or CandidateReader(container, active_pipeline)
     by_log_odds = rank_by in {"combined", "contextual"}
-    cascade = Cascade(container, query, reader, by_log_odds=by_log_odds)
+    cascade = Cascade(container, query, reader, by_log_odds=by_log_odds, side_by_side=shared is not None)
     sized = _sized(shapes, options, query.embedding.facts.area)
     with timings.stage("shortlist"):
         shortlist_from = _shortlist_from(container, options)

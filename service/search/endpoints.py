@@ -24,6 +24,7 @@ from service.search.answer import (
     search,
     with_active_pipeline,
 )
+from service.search.caches import CandidateReader
 from service.search.families import families_of
 from service.search.map import map_sheet, similarity_map_of
 from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
@@ -35,8 +36,8 @@ from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
 
-BATCH, BATCH_AT_ONCE = 100, 2
-"""Queries of a batch, and those of one batch that run at a time: one is read while another is compared."""
+BATCH, BATCH_AHEAD = 100, 1
+"""Queries of a batch, and those of one batch that are read and answered while each worker compares one."""
 
 
 class QueryParameters(NamedInAddress, SearchOptions):
@@ -146,17 +147,20 @@ async def query_batch(
     whole batch is refused.
     """
     shapes, number = batch.filtered(collection.number), collection.number
-    free = asyncio.Semaphore(BATCH_AT_ONCE)
+    free = asyncio.Semaphore(container.settings.workers + BATCH_AHEAD)
 
-    async def answer(shape_id: str, active_pipeline: ActivePipeline) -> QueryAnswer:
+    async def answer(shape_id: str, active_pipeline: ActivePipeline, reader: CandidateReader) -> QueryAnswer:
         make_query = partial(query_of_shape, container, number, shape_id, batch.exclude_self is not False)
+        work = search(
+            container, make_query, batch, shapes, Timings(), active_pipeline, advise=False, shared=reader
+        )
         async with free:
-            return await search(
-                container, make_query, batch, shapes, Timings(), active_pipeline, advise=False
-            )
+            return await work
 
     async def answer_all(active_pipeline: ActivePipeline) -> BatchAnswer:
-        return BatchAnswer(answers=await together(answer(each, active_pipeline) for each in batch.shape_ids))
+        reader = CandidateReader(container, active_pipeline)
+        works = (answer(each, active_pipeline, reader) for each in batch.shape_ids)
+        return BatchAnswer(answers=await together(works))
 
     async with container.queue.admitted(request):
         return await while_connected(request, with_active_pipeline(container, answer_all))

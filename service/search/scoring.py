@@ -46,6 +46,9 @@ MATCH_BATCH, DESCRIPTOR_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 64, 256, 256
 """Most embeddings that a thread matches, compares by descriptors or ranks coarsely at a time, and that a
 worker process matches."""
 
+LONGER = 4
+"""Factor of these lengths for queries that run side by side: they keep the workers busy together."""
+
 DESCRIBED = 0.5
 """Share of the re-ranked candidates whose descriptors are read, if log odds rank the answer."""
 
@@ -96,13 +99,15 @@ class Cascade:
     """The stages that score the candidates of one query.
 
     `by_log_odds` says whether log odds rank the answer. Otherwise approximate CC stands for cc, ssd and sim
-    in the stages before the full match.
+    in the stages before the full match. `side_by_side` says whether other queries of the same request run at
+    the same time.
     """
 
     container: Container
     query: Query
     reader: CandidateReader
     by_log_odds: bool = False
+    side_by_side: bool = False
 
     @property
     def parameters(self) -> Parameters:
@@ -124,12 +129,53 @@ class Cascade:
                 length = MATCH_BATCH
             else:
                 match, length = partial(self._match_in_worker, candidates), PROCESS_BATCH
-            scores = await in_batches(self.container, match, candidates.entries.embeddings, length)
+            scores = await self.in_batches(match, candidates.entries.embeddings, length)
         known = np.asarray(np.isfinite(scores[:3]).all(axis=0))
         if not known.all():
             log.warning("%d candidates were deleted meanwhile, or cannot be read", np.count_nonzero(~known))
         cc, ssd, sim, log_odds = scores
         return MatchedCandidates(candidates, cc, ssd, sim, log_odds if self.by_log_odds else None).only(known)
+
+    async def in_batches(self, score: Callable[[Ints], Any], rows: Ints, length: int) -> Floats:
+        """Score r numbers in batches, two a worker at a time, and return k scores of each, shape (k, r).
+
+        `score` is a coroutine function, or runs on the threads of the service; it returns an array of shape
+        (k, b) for b different numbers, at most `length`. All batches have the same length, but for the last,
+        and there are about as many for each worker, so that the workers end together. If the query is
+        cancelled, or a batch fails, batches that have not begun are cancelled. A query side by side with
+        others has longer batches, two at a time.
+        """
+        numbers, inverse = np.unique(rows, return_inverse=True)
+        workers = self.container.settings.workers
+        if self.side_by_side:
+            workers, length = 1, LONGER * length
+        count = workers * max(1, math.ceil(len(numbers) / (workers * length)))
+        length = max(1, math.ceil(len(numbers) / count))
+        batches: list[asyncio.Task[Floats]] = []
+        pending: set[asyncio.Task[Floats]] = set()
+
+        async def on_thread(part: Ints) -> Floats:
+            async with self.container.batches.turn():
+                return await asyncio.wrap_future(self.container.threads.submit(score, part))
+
+        try:
+            with short_of_memory():
+                for start in range(0, max(1, len(numbers)), length):
+                    if len(pending) == 2 * workers:
+                        done, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
+                        for batch in done:
+                            batch.result()
+                    part = numbers[start : start + length]
+                    batch = asyncio.create_task(
+                        score(part) if iscoroutinefunction(score) else on_thread(part)
+                    )
+                    batches.append(batch)
+                    pending.add(batch)
+                await asyncio.gather(*pending)
+        finally:
+            for batch in pending:
+                batch.cancel()
+        return np.concatenate([batch.result() for batch in batches], axis=1)[:, inverse]
 
     def _match_record(self) -> Float32s:
         """Return the match record of the query, cached if the query is a stored shape."""
@@ -159,7 +205,7 @@ class Cascade:
         def rank(rows: Ints) -> Floats:
             return coarse_ranking(record, entries.coarse_samples[rows], self.parameters)[None].astype(float)
 
-        (scores,) = await in_batches(self.container, rank, np.arange(len(candidates)), COARSE_BATCH)
+        (scores,) = await self.in_batches(rank, np.arange(len(candidates)), COARSE_BATCH)
         if self.by_log_odds:
             scores = await run_in_threadpool(coarse_log_odds, self.query, entries, scores)
         return _best(candidates, scores, count)[0]
@@ -179,7 +225,7 @@ class Cascade:
             scores[0, present] = rerank(record, [points[numbers[i]] for i in present], self.parameters)
             return scores
 
-        (cc,) = await in_batches(self.container, match_points, candidates.entries.embeddings, MATCH_BATCH)
+        (cc,) = await self.in_batches(match_points, candidates.entries.embeddings, MATCH_BATCH)
         if not self.by_log_odds:
             return _best(candidates, cc, count)[0]
         if not is_part(self.query.spin_images):
@@ -194,9 +240,7 @@ class Cascade:
             described = self.reader.descriptors(numbers)
             return class_log_odds(self.query, candidates, numbers, described, cc[rows], sim)[None]
 
-        (scores,) = await in_batches(
-            self.container, compare_descriptors, np.arange(len(cc)), DESCRIPTOR_BATCH
-        )
+        (scores,) = await self.in_batches(compare_descriptors, np.arange(len(cc)), DESCRIPTOR_BATCH)
         return _best(candidates, scores, count)[0]
 
     def _match(self, record: Float32s, candidates: Candidates, embeddings: Ints) -> Floats:
@@ -262,7 +306,7 @@ async def nearest_wholes(
         return distances
 
     with timings.stage("compare"):
-        (distances,) = await in_batches(container, measure, candidates.entries.embeddings, DESCRIPTOR_BATCH)
+        (distances,) = await cascade.in_batches(measure, candidates.entries.embeddings, DESCRIPTOR_BATCH)
         finite = np.flatnonzero(np.isfinite(distances))
         distances, candidates = distances[finite], replace(candidates.only(finite), shortlisted=False)
         shapes = candidates.entries.shapes
@@ -319,40 +363,3 @@ def _best(candidates: Candidates, scores: Floats, count: int) -> tuple[Candidate
     """Return the candidates of greatest score and their indices; deleted ones come last."""
     indices = least(np.nan_to_num(-scores, nan=np.inf), candidates.entries.shapes, count)
     return candidates.only(indices), indices
-
-
-async def in_batches(container: Container, score: Callable[[Ints], Any], rows: Ints, length: int) -> Floats:
-    """Score r numbers in batches, two a worker at a time, and return k scores of each, shape (k, r).
-
-    `score` is a coroutine function, or runs on the threads of the service; it returns an array of shape
-    (k, b) for b different numbers, at most `length`. All batches have the same length, but for the last, and
-    there are about as many for each worker, so that the workers end together. If the query is cancelled, or a
-    batch fails, batches that have not begun are cancelled.
-    """
-    numbers, inverse = np.unique(rows, return_inverse=True)
-    workers = container.settings.workers
-    count = workers * max(1, math.ceil(len(numbers) / (workers * length)))
-    length = max(1, math.ceil(len(numbers) / count))
-    batches: list[asyncio.Task[Floats]] = []
-    pending: set[asyncio.Task[Floats]] = set()
-
-    async def on_thread(part: Ints) -> Floats:
-        async with container.batches.turn():
-            return await asyncio.wrap_future(container.threads.submit(score, part))
-
-    try:
-        with short_of_memory():
-            for start in range(0, max(1, len(numbers)), length):
-                if len(pending) == 2 * workers:
-                    done, pending = await asyncio.wait(pending, return_when=asyncio.FIRST_COMPLETED)
-                    for batch in done:
-                        batch.result()
-                part = numbers[start : start + length]
-                batch = asyncio.create_task(score(part) if iscoroutinefunction(score) else on_thread(part))
-                batches.append(batch)
-                pending.add(batch)
-            await asyncio.gather(*pending)
-    finally:
-        for batch in pending:
-            batch.cancel()
-    return np.concatenate([batch.result() for batch in batches], axis=1)[:, inverse]
