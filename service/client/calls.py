@@ -12,6 +12,7 @@ from pydantic import JsonValue
 
 from service.client.requests import (
     Call,
+    ClientError,
     Conditions,
     File,
     Step,
@@ -117,7 +118,9 @@ def upload(
         return Upload(assembly, assembly.created, tuple(assembly.changed), parts)
 
     data = _described(name, tags, metadata) | given(split=split)
-    return Call("POST", "/shapes", read if split is None else read_assembly, data=data, files={"file": file})
+    return Call(
+        "POST", "/shapes", read if split is None else read_assembly, data=data, files=[("file", file)]
+    )
 
 
 def page(
@@ -174,13 +177,13 @@ def preview(shape_id: str) -> Call[bytes]:
 
 def preview_file(file: File) -> Call[bytes]:
     """Get the preview of a file that is not stored."""
-    return Call("POST", "/preview", content, files={"file": file})
+    return Call("POST", "/preview", content, files=[("file", file)])
 
 
 def replace_file(shape_id: str, file: File, *, if_sha256: str | None = None) -> Call[Shape]:
     """Replace the file of a shape; with `if_sha256`, only if the present file has that SHA-256."""
     headers = {} if if_sha256 is None else {"If-Match": f'"{if_sha256}"'}
-    return Call("PUT", f"{_shape(shape_id)}/file", parsed(Shape), headers=headers, files={"file": file})
+    return Call("PUT", f"{_shape(shape_id)}/file", parsed(Shape), headers=headers, files=[("file", file)])
 
 
 def update(
@@ -245,7 +248,7 @@ def query_file(file: File, **options: Any) -> Call[QueryAnswer]:  # noqa: ANN401
 
     The options are those of `service.search.schemas.SearchOptions`; metadata may be a mapping.
     """
-    return Call("POST", "/query", parsed(QueryAnswer), data=_checked(options), files={"file": file})
+    return Call("POST", "/query", parsed(QueryAnswer), data=_checked(options), files=[("file", file)])
 
 
 @_with_search_options
@@ -261,10 +264,19 @@ def query_shape(shape_id: str, **options: Any) -> Call[QueryAnswer]:  # noqa: AN
     return Call("POST", "/query", parsed(QueryAnswer), json={"shape_id": shape_id, **_checked(options)})
 
 
-def query_batch(shape_ids: Sequence[str], **options: Any) -> Call[BatchAnswer]:  # noqa: ANN401
-    """Find the stored shapes most similar to each of up to 100 stored ones, with the options of `similar`."""
-    body = {"shape_ids": list(shape_ids), **_checked(options)}
-    return Call("POST", "/query/batch", parsed(BatchAnswer), json=body)
+def query_batch(shapes: Sequence[Compared], **options: Any) -> Call[BatchAnswer]:  # noqa: ANN401
+    """Find the stored shapes most similar to each of up to 100 stored ones, by their ids, or of 100 files.
+
+    The options are those of `similar`.
+    """
+    asked, path = _checked(options), "/query/batch"
+    ids = [shape for shape in shapes if isinstance(shape, str)]
+    files = [("file", shape) for shape in shapes if not isinstance(shape, str)]
+    if not files:
+        return Call("POST", path, parsed(BatchAnswer), json={"shape_ids": ids, **asked})
+    if ids:
+        raise ClientError("a batch has either ids or files")
+    return Call("POST", path, parsed(BatchAnswer), data=asked, files=files)
 
 
 def compare(
@@ -320,7 +332,7 @@ def _compared(
     if not files:
         return Call("POST", "/compare", read, params=params, json={**ids, **options})
     written = {name: json.dumps(option) for name, option in options.items()}
-    return Call("POST", "/compare", read, params=params, data={**ids, **written}, files=files)
+    return Call("POST", "/compare", read, params=params, data={**ids, **written}, files=[*files.items()])
 
 
 def duplicates(
@@ -402,7 +414,7 @@ def send_archive(
 ) -> Call[Job]:
     """Start a job that stores every mesh of an archive, with tags and metadata."""
     data = _described(None, tags, metadata)
-    return Call("POST", "/jobs", parsed(Job), data=data, files={"file": archive}, streamed=True)
+    return Call("POST", "/jobs", parsed(Job), data=data, files=[("file", archive)], streamed=True)
 
 
 def job(job_id: str) -> Call[Job]:

@@ -93,8 +93,9 @@ class ProblemError(ClientError):
 class Call(Generic[T]):
     """A request, and the function that reads its successful answer.
 
-    `params` are those of the address, `data` and `files` the fields and the files of a form, `json` another
-    body. If `streamed`, files are sent in pieces, because they may be too large for memory.
+    `params` are those of the address, `data` and `files` the fields of a form and its files, each with the
+    name of its field, `json` another body. If `streamed`, files are sent in pieces, because they may be too
+    large for memory.
     """
 
     method: str
@@ -104,7 +105,7 @@ class Call(Generic[T]):
     data: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     json: object = None
-    files: Mapping[str, File] = field(default_factory=dict)
+    files: Sequence[tuple[str, File]] = ()
     streamed: bool = False
 
     def prepared(self, stack: ExitStack) -> dict[str, Any]:
@@ -117,7 +118,7 @@ class Call(Generic[T]):
         arguments |= {"params": self.params} if self.params else {}
         arguments |= {"json": self.json} if self.json is not None else {}
         if self.files:
-            parts = {name: self._part(file, stack) for name, file in self.files.items()}
+            parts = [(name, self._part(file, stack)) for name, file in self.files]
             arguments |= {"data": self.data, "files": parts}
         return arguments
 

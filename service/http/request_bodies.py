@@ -45,13 +45,15 @@ class RequestBody(Generic[Model]):
     Parameters
     ----------
     form : type of model
-        The form. Its field `file` is the one file, unless `either` names others; a list may be repeated.
+        The form. Its field `file` holds files, unless `either` names others; a list may be repeated.
     json : type of model, optional
         The JSON object that the operation takes as well.
     limit : str
         The setting that has the largest size of a file, in bytes.
     either : tuple of str
         Fields of the form that hold a file or text, in the place of the one file.
+    most_files : int
+        The most files of the form. The limit is that of all together.
     """
 
     def __init__(
@@ -61,11 +63,13 @@ class RequestBody(Generic[Model]):
         json: type[Model] | None = None,
         limit: Literal["max_upload_bytes", "max_archive_bytes"] = "max_upload_bytes",
         either: tuple[str, ...] = (),
+        most_files: int = 1,
     ) -> None:
         self._form = form
         self._either = either
         self._json = json
         self._limit = limit
+        self._most_files = len(either) or most_files
 
     async def __call__(self, request: Request) -> AsyncIterator[Model]:
         """Yield the model. A large file of the form is on disk, and is closed when the endpoint has ended.
@@ -86,7 +90,7 @@ class RequestBody(Generic[Model]):
         if media_type == FORM:
             _check_charset(content_type)
             settings: Settings = request.app.state.settings
-            form = await _form_of(request, len(self._either) or 1)
+            form = await _form_of(request, self._most_files)
             try:
                 values = _values(form, self._form, self._either, getattr(settings, self._limit))
                 # In a thread: other requests go on meanwhile.

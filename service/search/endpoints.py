@@ -4,21 +4,26 @@ import asyncio
 from functools import partial
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
 from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from core.errors import MeshError
 from core.io import format_of
+from service.collection import CollectionNumber
 from service.collections.endpoints import InCollection, NamedInAddress
 from service.compute.request_queue import together
-from service.container import Service
+from service.container import Container, Service
+from service.errors import FileTimeLimitError
 from service.http.middleware import while_connected
+from service.http.problem_document import Cause
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.previews.endpoints import KNOWN, validated
 from service.search.answer import (
+    MakeQuery,
     query_of_file,
     query_of_shape,
     search,
@@ -30,7 +35,7 @@ from service.search.map import map_sheet, similarity_map_of
 from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import LEAST_SHARE, Suggestions
 from service.search.suggestions import suggestions_for
-from service.shapes.endpoints import MeshUpload, ShapeId
+from service.shapes.endpoints import ENDINGS_IN_WORDS, MeshFile, MeshUpload, ShapeId
 from service.shapes.fields import Id, Tags
 from service.shapes.schemas import SHAPE, Filters
 
@@ -56,7 +61,18 @@ class StoredQuery(SearchOptions):
     shape_id: Id = Field(description="The id of the shape to search with.")
 
 
-class BatchQuery(SearchOptions):
+class FileBatch(SearchOptions):
+    """Queries with mesh files, and the options of all of them."""
+
+    file: list[MeshFile] = Field(
+        min_length=1,
+        max_length=BATCH,
+        description="The meshes to search with: the field repeated. Together they may have the size of one "
+        f"upload. {ENDINGS_IN_WORDS}",
+    )
+
+
+class StoredBatch(SearchOptions):
     """Queries with stored shapes, and the options of all of them."""
 
     model_config = ConfigDict(json_schema_extra={"example": {"shape_ids": [SHAPE["id"]], "top_k": 3}})
@@ -68,6 +84,7 @@ class BatchQuery(SearchOptions):
 
 
 QUERY = RequestBody[FileQuery | StoredQuery](FileQuery, json=StoredQuery)
+QUERIES = RequestBody[FileBatch | StoredBatch](FileBatch, json=StoredBatch, most_files=BATCH)
 WORK_PROBLEMS = (
     *("shape-not-found", "not-embedded", "cannot-be-embedded", "time-limit", "pipeline-unavailable"),
     "file-in-place",
@@ -100,14 +117,9 @@ async def query(
     in_address = address.model_fields_set & SearchOptions.model_fields.keys() - body.model_fields_set
     options = body.model_copy(update={name: getattr(address, name) for name in in_address})
     shapes, timings, number = options.filtered(collection.number), Timings(), collection.number
-    mesh_format = "" if isinstance(body, StoredQuery) else format_of(body.file.filename or "")
+    searched = body.shape_id if isinstance(body, StoredQuery) else body.file
     async with container.queue.admitted(request):
-        if isinstance(body, StoredQuery):
-            exclude_self = options.exclude_self is not False
-            make_query = partial(query_of_shape, container, number, body.shape_id, exclude_self)
-        else:
-            data, exclude_self = await body.file.read(), bool(options.exclude_self)
-            make_query = partial(query_of_file, container, number, data, mesh_format, exclude_self)
+        make_query = await _query_of(container, number, searched, options)
         work = partial(search, container, make_query, options, shapes, timings)
         answer = await while_connected(request, with_active_pipeline(container, work))
     container.metrics.stages("query", timings.milliseconds)
@@ -134,36 +146,62 @@ async def similar(
 
 @router.post(
     "/query/batch",
-    summary="Find shapes similar to each of several stored ones",
-    response_description="The answers, in the order of the ids.",
-    responses=documented(*WORK_PROBLEMS),
+    summary="Find shapes similar to each of several",
+    response_description="The answers, in the order of the files or the ids.",
+    responses=documented(*FILE_PROBLEMS, *WORK_PROBLEMS, "storage-full"),
+    openapi_extra=QUERIES.openapi,
 )
 async def query_batch(
-    batch: BatchQuery, request: Request, container: Service, collection: InCollection
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    batch: Annotated[FileBatch | StoredBatch, Depends(QUERIES, scope="function")],
 ) -> BatchAnswer:
-    """Search with each of some stored shapes, as `POST /query` does, in one request.
+    """Search with each of several mesh files or stored shapes, as `POST /query` does, in one request.
 
-    The answers have no warnings about other orders and units. If there is no shape with one of the ids, the
-    whole batch is refused.
+    The answers have no warnings about other orders and units. A file that cannot be used has its problem in
+    the place of an answer. If there is no shape with one of the ids, the whole batch is refused.
     """
     shapes, number = batch.filtered(collection.number), collection.number
     free = asyncio.Semaphore(container.settings.workers + BATCH_AHEAD)
 
-    async def answer(shape_id: str, active_pipeline: ActivePipeline, reader: CandidateReader) -> QueryAnswer:
-        make_query = partial(query_of_shape, container, number, shape_id, batch.exclude_self is not False)
-        work = search(
-            container, make_query, batch, shapes, Timings(), active_pipeline, advise=False, shared=reader
-        )
+    async def answer(
+        searched: UploadFile | str, active_pipeline: ActivePipeline, reader: CandidateReader
+    ) -> QueryAnswer | Cause:
         async with free:
-            return await work
+            try:
+                make_query = await _query_of(container, number, searched, batch)
+                return await search(
+                    container,
+                    *(make_query, batch, shapes, Timings(), active_pipeline),
+                    advise=False,
+                    shared=reader,
+                )
+            except (MeshError, FileTimeLimitError) as error:
+                if isinstance(searched, str):
+                    raise
+                return Cause.of(error.kind, str(error))
 
     async def answer_all(active_pipeline: ActivePipeline) -> BatchAnswer:
         reader = CandidateReader(container, active_pipeline)
-        works = (answer(each, active_pipeline, reader) for each in batch.shape_ids)
-        return BatchAnswer(answers=await together(works))
+        searched = batch.shape_ids if isinstance(batch, StoredBatch) else batch.file
+        return BatchAnswer(answers=await together(answer(each, active_pipeline, reader) for each in searched))
 
     async with container.queue.admitted(request):
         return await while_connected(request, with_active_pipeline(container, answer_all))
+
+
+async def _query_of(
+    container: Container, collection: CollectionNumber, searched: UploadFile | str, options: SearchOptions
+) -> MakeQuery:
+    """Return what makes the query of a file, or of a stored shape by its id; this is left out by default."""
+    if isinstance(searched, str):
+        return partial(query_of_shape, container, collection, searched, options.exclude_self is not False)
+    mesh_format = format_of(searched.filename or "")
+    # A batch is read again if the archive changes its pipeline meanwhile.
+    await searched.seek(0)
+    data = await searched.read()
+    return partial(query_of_file, container, collection, data, mesh_format, bool(options.exclude_self))
 
 
 class SuggestionsOptions(NamedInAddress):

@@ -11,6 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
 from service.collection import CollectionNumber
+from service.http.problem_document import Cause
 from service.search.local_difference import LocalDifference
 from service.search.part_instances import PartInstances
 from service.shapes.fields import Id, listed
@@ -336,9 +337,9 @@ class QueryAnswer(BaseModel):
 
 
 class BatchAnswer(BaseModel):
-    """The answers to the queries of a batch, in the order of their ids."""
+    """The answers to the queries of a batch, in the order of the files or the ids."""
 
-    answers: list[QueryAnswer]
+    answers: list[QueryAnswer | Cause] = Field(description="A file that cannot be used has its problem.")
 
 
 class Family(BaseModel):

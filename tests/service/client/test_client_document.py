@@ -86,6 +86,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("query_file", (FILE,), SEARCH, "POST /query"),
     ("query_shape", ("id",), SEARCH, "POST /query"),
     ("query_batch", (["id", "other"],), SEARCH, "POST /query/batch"),
+    ("query_batch", ([FILE],), SEARCH, "POST /query/batch"),
     ("similar", ("id",), SEARCH, "GET /shapes/{shape_id}/similar"),
     (
         "compare",
@@ -245,6 +246,8 @@ def example(schema: dict[str, Any]) -> Any:
     choices = schema.get("anyOf", [])
     if {"type": "null"} in choices:
         return None
+    if choices:
+        return example(choices[0])
     kind = schema.get("type")
     if "const" in schema or "enum" in schema:
         return schema.get("const", schema.get("enum", [None])[-1])

@@ -163,7 +163,8 @@ SENT: dict[Operation, list[Send]] = {
         by_id,
     ],
     ("POST", "/query/batch"): [
-        lambda client, own: client.post("/query/batch", json={"shape_ids": [own.kept, own.twin]})
+        lambda client, own: client.post("/query/batch", json={"shape_ids": [own.kept, own.twin]}),
+        to("POST", "/query/batch", **file(0), data={"top_k": 100}),
     ],
     ("PATCH", "/shapes"): [
         to("PATCH", "/shapes", json={"add_tags": ["seen"]}),

@@ -1,7 +1,12 @@
-"""Queries with many stored shapes at once."""
+"""Queries with many stored shapes, or files, at once."""
 
 from typing import Any
 
+import pytest
+
+from service.client import Client, ClientError
+from service.http.problem_document import TYPE_PREFIX, Cause
+from service.search.schemas import QueryAnswer
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
 
@@ -30,3 +35,32 @@ def test_a_batch_answers_as_single_queries_do(service: Running) -> None:
         assert_problem(
             service.client.post("/query/batch", json={"shape_ids": wrong}), 422, "bad-request-fields"
         )
+
+
+def test_a_batch_of_files_answers_as_single_queries_do_and_names_the_unusable_ones(service: Running) -> None:
+    for number in range(3):
+        service.store(small_file(number), name=f"{number}.off")
+    names = {"a.off": small_file(0), "b.off": b"OFF", "c.xyz": small_file(1), "d.off": small_file(2)}
+    files = [("file", each) for each in names.items()]
+    options = {"top_k": "2", "exclude_self": "true"}
+    answer = service.client.post("/query/batch", files=files, data=options)
+    assert answer.status_code == 200, answer.text
+    first, malformed, unknown, last = answer.json()["answers"]
+    for batched, (_, file) in ((first, files[0]), (last, files[3])):
+        single = service.client.post("/query", files={"file": file}, data=options).json()
+        for one in (batched, single):
+            del one["milliseconds"], one["warnings"]
+        assert batched == single
+        assert len(single["results"]) == 2
+    kinds = [each["type"].removeprefix(TYPE_PREFIX) for each in (malformed, unknown)]
+    assert kinds == ["malformed-mesh", "unknown-format"]
+    with Client(str(service.client.base_url)) as client:
+        told = client.query_batch([*names.items()], top_k=2, exclude_self=True).answers
+        assert isinstance(told[0], QueryAnswer)
+        assert told[0].results[0].shape.id == first["results"][0]["shape"]["id"]
+        assert isinstance(told[1], Cause)
+        with pytest.raises(ClientError, match="either"):
+            client.query_batch(["id", ("a.off", b"")])
+    many = [("file", (f"{number}.off", b"OFF")) for number in range(101)]
+    assert service.client.post("/query/batch", files=many).status_code == 400
+    assert_problem(service.client.post("/query/batch", files={"file": ("", b"")}), 422, "bad-request-fields")
