@@ -60,7 +60,7 @@ def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameter
 
 
 def rerank(query: Float32s, others: Sequence[bytes], parameters: Parameters) -> Float32s:
-    """Compute an approximate CC of one shape with each of c others: a match cut short, the others' splines flat.
+    """Compute an approximate CC of one shape with each of c others: one map, flat splines.
 
     Splines that do not bend take a hundredth of the time to make, and mostly lead to the same map. One map is
     kept, and not refined on all samples: of the ten shapes of greatest CC among 490, 99.6 % are among the
