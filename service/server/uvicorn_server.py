@@ -30,8 +30,10 @@ OWN_DESCRIPTORS = 16
 
 KEPT_BYTES = 8 * 1024 * 1024
 """Bytes of freed memory that a heap keeps at its end, and the least block that has pages of its own."""
+HEAPS = 2
+"""Heaps of all threads: Python lets one thread work at a time, and each heap keeps what it once needed."""
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of `mallopt` in the GNU C library (malloc.h)
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # parameters of `mallopt` in the GNU C library (malloc.h)
 
 
 def run(app: ASGIApp, bound: socket.socket, shutdown_seconds: int) -> None:
@@ -114,10 +116,10 @@ def most_connections() -> int:
 
 
 def return_freed_memory() -> None:
-    """Let each heap of this process keep at most `KEPT_BYTES` of freed memory at its end.
+    """Let each of `HEAPS` heaps of this process keep at most `KEPT_BYTES` of freed memory at its end.
 
-    The GNU C library otherwise raises both limits with the sizes of freed blocks, up to 64 and 32 MiB: each
-    heap, of which a service with threads has several, then keeps as much as the large files that it received.
+    The GNU C library otherwise raises both limits with the sizes of freed blocks, up to 64 and 32 MiB, and
+    makes eight heaps for each core: a heap then keeps as much as the large files that it received.
     Child processes have limits of their own. Other C libraries are left as they are.
     """
     if sys.platform != "linux":
@@ -126,6 +128,7 @@ def return_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, KEPT_BYTES)
         mallopt(_M_MMAP_THRESHOLD, KEPT_BYTES)
+        mallopt(_M_ARENA_MAX, HEAPS)
 
 
 def _serve(server: uvicorn.Server, bound: socket.socket) -> None:

@@ -11,7 +11,7 @@ from contextlib import ExitStack
 import pytest
 from starlette.types import Receive, Scope, Send
 
-from service.server.uvicorn_server import KEPT_BYTES, config, most_connections
+from service.server.uvicorn_server import HEAPS, KEPT_BYTES, config, most_connections
 from tests.service.support import Running, serving, settings_in, wait_until
 
 CONNECTIONS = 10
@@ -143,5 +143,4 @@ def kept(first: str) -> int:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have another allocator")
 def test_each_heap_keeps_little_of_the_memory_of_large_files() -> None:
-    # One heap more than threads: that of the main thread.
-    assert kept("return_freed_memory()") <= (THREADS + 1) * KEPT_BYTES < kept("")
+    assert kept("return_freed_memory()") <= HEAPS * KEPT_BYTES < kept("")
