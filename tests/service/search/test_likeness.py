@@ -1,6 +1,7 @@
 """The likeness of results and of compared shapes, over HTTP."""
 
 import asyncio
+from functools import cache
 from typing import Any
 
 import httpx
@@ -22,24 +23,32 @@ from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
 from tests.studies.machine_parts import Change, Drawing, part
 
-OCTOPUS = make_body("octopus").posed(0)
-STORED = {
-    "turned": moved(OCTOPUS, 1),
-    "larger": moved(OCTOPUS, 2, scale=1.5),
-    "simplified": moved(simplified(OCTOPUS), 3),
-    "mirrored": moved(OCTOPUS, 4, mirrored=True),
-    "posed": make_body("octopus", vertices=1800).posed(1),
-    "cup": make_body("cup").posed(0),
-    "plane": make_body("plane").posed(0),
-}
 TOLD = {"turned": "same", "larger": "scaled", "simplified": "same", "mirrored": "mirrored", "posed": "pose"}
 RELATION = ("likeness", "scale", "transform", "difference", "instances")
+
+
+@cache
+def octopus() -> Mesh:
+    return make_body("octopus").posed(0)
+
+
+@cache
+def stored() -> dict[str, Mesh]:
+    return {
+        "turned": moved(octopus(), 1),
+        "larger": moved(octopus(), 2, scale=1.5),
+        "simplified": moved(simplified(octopus()), 3),
+        "mirrored": moved(octopus(), 4, mirrored=True),
+        "posed": make_body("octopus", vertices=1800).posed(1),
+        "cup": make_body("cup").posed(0),
+        "plane": make_body("plane").posed(0),
+    }
 
 
 @pytest.fixture(scope="module")
 def stocked(shared: Running) -> Running:
     shared.clear()
-    for name, mesh in STORED.items():
+    for name, mesh in stored().items():
         shared.store(file_of(mesh), f"{name}.off", tags=name)
     return shared
 
@@ -54,11 +63,11 @@ def by_name(answer: httpx.Response) -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def found(stocked: Running) -> dict[str, dict[str, Any]]:
-    return by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+    return by_name(query(stocked.client, file_of(octopus()), top_k="9"))
 
 
 def test_each_result_says_by_what_it_is_alike(found: dict[str, dict[str, Any]]) -> None:
-    assert found.keys() == STORED.keys()
+    assert found.keys() == stored().keys()
     assert {name: found[name]["likeness"] for name in TOLD} == TOLD
     for name in ("cup", "plane"):
         assert (found[name]["likeness"], found[name]["combined"] < SIMILAR) == ("weak", True)
@@ -81,8 +90,8 @@ def test_results_are_registered_some_at_a_time(
             now -= 1
 
     monkeypatch.setattr(search_answer, "relation_of", counted)
-    again = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
-    assert most == AT_ONCE < len(STORED)
+    again = by_name(query(stocked.client, file_of(octopus()), top_k="9"))
+    assert most == AT_ONCE < len(stored())
     assert again == found
     assert list(again) == list(found)
 
@@ -94,20 +103,20 @@ def test_a_mesh_that_two_ask_for_at_a_time_is_read_once() -> None:
         nonlocal reads
         reads += 1
         await asyncio.sleep(0.01)
-        return OCTOPUS
+        return octopus()
 
     async def both() -> list[Mesh]:
         kept = once(read)
         return [*await asyncio.gather(kept(), kept()), await kept()]
 
-    assert all(mesh is OCTOPUS for mesh in asyncio.run(both()))
+    assert all(mesh is octopus() for mesh in asyncio.run(both()))
     assert reads == 1
 
 
 def test_the_word_follows_the_number_however_dense_the_surroundings_are(stocked: Running) -> None:
     data = file_of(make_body("cup", 1, vertices=1800).posed(0))
     answers = [query(stocked.client, data, top_k=20).json()]
-    cup = STORED["cup"]
+    cup = stored()["cup"]
     copies = [stocked.store(file_of(moved(cup, 10 + k)), f"copy-{k}.off")["id"] for k in range(7)]
     try:
         answers.append(query(stocked.client, data, top_k=20).json())
@@ -148,19 +157,19 @@ def test_only_copies_have_a_scale(found: dict[str, dict[str, Any]]) -> None:
 
 def test_the_transform_of_a_copy_takes_it_back(found: dict[str, dict[str, Any]]) -> None:
     for name in ("turned", "larger", "mirrored"):
-        vertices = STORED[name].vertices
+        vertices = stored()[name].vertices
         ends = np.column_stack([vertices, np.ones(len(vertices))])
         back = ends @ np.array(found[name]["transform"]).T
-        assert np.abs(back[:, :3] - OCTOPUS.vertices).max() <= 0.002 * np.ptp(OCTOPUS.vertices)
+        assert np.abs(back[:, :3] - octopus().vertices).max() <= 0.002 * np.ptp(octopus().vertices)
     assert found["posed"]["transform"] is None
 
 
 def test_every_way_to_ask_tells_the_same(stocked: Running, found: dict[str, dict[str, Any]]) -> None:
-    own = stocked.store(file_of(OCTOPUS), "octopus.off")["id"]
+    own = stocked.store(file_of(octopus()), "octopus.off")["id"]
     answers = [
         stocked.client.get(f"/shapes/{own}/similar", params={"top_k": 9}),
-        query(stocked.client, file_of(OCTOPUS), top_k="9", rank_by="combined", exclude=own),
-        query(stocked.client, file_of(OCTOPUS), top_k="9", partial="true", exclude=own),
+        query(stocked.client, file_of(octopus()), top_k="9", rank_by="combined", exclude=own),
+        query(stocked.client, file_of(octopus()), top_k="9", partial="true", exclude=own),
     ]
     for answer in answers:
         results = by_name(answer)
@@ -188,11 +197,11 @@ def test_a_pair_is_registered_once(
     stocked.container.relations.clear()
     for known in (False, True):
         reads.clear()
-        again = by_name(query(stocked.client, file_of(OCTOPUS), top_k="9"))
+        again = by_name(query(stocked.client, file_of(octopus()), top_k="9"))
         for name in found:
             assert [again[name][key] for key in RELATION] == [found[name][key] for key in RELATION]
         assert (reads == []) == known
-    other = by_name(query(stocked.client, file_of(moved(STORED["simplified"], 9)), top_k="9"))
+    other = by_name(query(stocked.client, file_of(moved(stored()["simplified"], 9)), top_k="9"))
     assert reads
     assert other["simplified"]["likeness"] == "same"
 
@@ -200,7 +209,7 @@ def test_a_pair_is_registered_once(
 def test_a_shape_that_goes_while_it_is_registered_is_no_copy(
     stocked: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gone = stocked.store(file_of(STORED["simplified"]), "gone.off", tags="gone")["id"]
+    gone = stocked.store(file_of(stored()["simplified"]), "gone.off", tags="gone")["id"]
     stocked.container.relations.clear()
     read = likeness.stored_mesh
 
@@ -209,7 +218,7 @@ def test_a_shape_that_goes_while_it_is_registered_is_no_copy(
         return await read(*given)
 
     monkeypatch.setattr(likeness, "stored_mesh", late)
-    results = by_name(query(stocked.client, file_of(OCTOPUS), tag="gone"))
+    results = by_name(query(stocked.client, file_of(octopus()), tag="gone"))
     assert results["gone"]["likeness"] == "similar"
     assert results["gone"]["scale"] is None
 
@@ -223,6 +232,6 @@ def test_a_registration_that_fails_costs_the_answer_nothing_else(
 
     stocked.container.relations.clear()
     monkeypatch.setattr(likeness, "stored_mesh", fails)
-    answer = query(stocked.client, file_of(OCTOPUS), tag="simplified")
+    answer = query(stocked.client, file_of(octopus()), tag="simplified")
     assert answer.status_code == 200
     assert [result["likeness"] for result in answer.json()["results"]] == ["similar"]
