@@ -97,7 +97,8 @@ demo: $(RUNTIME)
 # The tests of a file run in one worker, so that their fixtures start once; files run in the order of their names.
 WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --durations 15
+# Modules are compiled, and their asserts rewritten, once for all processes, whatever the shell says of bytecode.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest --durations 15
 test: environment
 	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql'
 

@@ -51,14 +51,13 @@ def nearest(cc, count=4):
     return np.argsort(-cc, kind="stable")[:count].tolist()
 
 
-@pytest.mark.parametrize("change", SAME_SHAPE)
 @pytest.mark.parametrize(
-    ("setting", "shape"),
+    ("setting", "shape", "change"),
     [
-        ("default", ("person", 0)),
-        ("default", ("octopus", 1)),
-        ("default", ("cup", 1)),
-        ("paper", ("hand", 0)),
+        *(("default", ("person", 0), change) for change in SAME_SHAPE),
+        ("default", ("octopus", 1), "all of these"),
+        ("default", ("cup", 1), "all of these"),
+        ("paper", ("hand", 0), "all of these"),
     ],
 )
 def test_a_shape_given_otherwise_has_the_same_neighbours(setting, shape, change):
@@ -92,7 +91,7 @@ def too_large():
     return pipeline, mesh, pipeline.embed(mesh, ())
 
 
-@pytest.mark.parametrize("change", ["turned", "vertices shuffled", "faces shuffled", "all of these"])
+@pytest.mark.parametrize("change", ["turned", "all of these"])
 def test_a_mesh_too_large_is_simplified_alike_however_it_is_given(change):
     pipeline, mesh, expected = too_large()
     found = pipeline.embed(SAME_SHAPE[change](mesh), ())
@@ -143,7 +142,7 @@ def test_a_symmetric_shape_given_otherwise_has_the_same_neighbours(name, setting
     pipeline, embeddings = symmetric(setting)
     place = list(SYMMETRIC).index(name)
     expected = pipeline.score(embeddings[place], embeddings).cc
-    for change in ("turned", "vertices shuffled", "all of these"):
+    for change in ("turned", "all of these"):
         found = pipeline.embed(SAME_SHAPE[change](SYMMETRIC[name]), ())
         cc = pipeline.score(found, embeddings).cc
         assert np.abs(cc - expected).max() <= DRIFT, change

@@ -1,5 +1,7 @@
 """Perturbations against what is known of them: how much moved, how much is gone, what is left."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -38,18 +40,23 @@ AMOUNTS = {
     separate_parts: 0.02,
 }
 MESHES = {
-    "person": clean(make_shape("person", 0)).mesh,
-    "blob": blob(),
-    "box of twelve faces": box(3, 2, 1),
-    "table of loose parts": loose_parts(),
-    "three sheets on an edge": folded(),
-    "sheet": rectangle(3, 2, 18, 12),
-    "soup": soup(icosphere(2)),
-    "two blobs": joined(blob(1, 2), shifted(blob(2, 2), (4, 0, 0))),
+    "person": cache(lambda: clean(make_shape("person", 0)).mesh),
+    "blob": blob,
+    "box of twelve faces": lambda: box(3, 2, 1),
+    "table of loose parts": loose_parts,
+    "three sheets on an edge": folded,
+    "sheet": lambda: rectangle(3, 2, 18, 12),
+    "soup": lambda: soup(icosphere(2)),
+    "two blobs": lambda: joined(blob(1, 2), shifted(blob(2, 2), (4, 0, 0))),
 }
 
 every_perturbation = pytest.mark.parametrize("perturb", AMOUNTS, ids=lambda function: function.__name__)
-every_mesh = pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
+every_mesh = pytest.mark.parametrize("mesh", MESHES, indirect=True)
+
+
+@pytest.fixture
+def mesh(request):
+    return MESHES[request.param]()
 
 
 def diagonal(mesh):
@@ -126,7 +133,7 @@ def test_the_share_of_the_area_is_gone(perturb, share, mesh):
 
 @pytest.mark.parametrize("perturb", [remove_discs, cut_part])
 def test_the_remaining_faces_are_faces_of_the_mesh(perturb):
-    mesh = MESHES["person"]
+    mesh = MESHES["person"]()
     own = {face.tobytes() for face in corners(mesh)}
     left = [face.tobytes() for face in corners(perturb(mesh, 0.2, 4))]
     assert len(set(left)) == len(left) < len(own)
@@ -176,7 +183,7 @@ def test_a_cap_is_cut_from_a_ball(share):
 @pytest.mark.parametrize("share", [0.5, 0.25, 0.1])
 @pytest.mark.parametrize("name", ["person", "blob", "sheet", "two blobs"])
 def test_decimation_keeps_the_share_of_the_faces_and_the_surface(name, share):
-    mesh = MESHES[name]
+    mesh = MESHES[name]()
     found = decimate(mesh, share, 0)
     assert share * 0.85 * len(mesh.faces) <= len(found.faces) <= SHORT * share * len(mesh.faces) + 1
     _, away, _ = closest_point_naive(as_trimesh(mesh), found.vertices)
@@ -241,7 +248,7 @@ def in_order(points):
 
 @pytest.mark.parametrize("amount", [0.0, 0.02, 0.3])
 def test_soup_shares_no_vertices_and_keeps_centroids(amount):
-    mesh = MESHES["person"]
+    mesh = MESHES["person"]()
     found = make_soup(mesh, amount, 1)
     assert sorted(found.faces.ravel().tolist()) == list(range(3 * len(mesh.faces)))
     assert corners(found).mean(axis=1) == pytest.approx(corners(mesh).mean(axis=1))
@@ -254,7 +261,7 @@ def test_soup_shares_no_vertices_and_keeps_centroids(amount):
 
 
 def test_soup_whose_corners_coincide_is_cleaned_to_the_mesh():
-    mesh = MESHES["person"]
+    mesh = MESHES["person"]()
     one, other = clean(make_soup(mesh, 0.0, 0)).mesh, clean(mesh).mesh
     assert (one.vertices == other.vertices).all()
     assert (one.faces == other.faces).all()
@@ -262,7 +269,7 @@ def test_soup_whose_corners_coincide_is_cleaned_to_the_mesh():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_parts_are_moved_as_they_are(seed):
-    mesh = MESHES["person"]
+    mesh = MESHES["person"]()
     found = separate_parts(mesh, 0.03, seed)
     moves = corners(found) - corners(mesh)
     assert np.ptp(moves, axis=1).max() < 1e-12 * diagonal(mesh)

@@ -24,6 +24,7 @@ from core.gallery.solids import (
 )
 from core.gallery.surface import genus, smooth_minimum, surface
 from tests.core.shapes import as_trimesh
+from tests.gallery import make_shape as made_once
 
 POSES = 5
 # Handles by what the things are: a cup has one, an empty pair of spectacles a loop for each eye.
@@ -32,7 +33,7 @@ GENUS = dict.fromkeys(CLASSES, 0) | {"cup": 1, "glasses": 2}
 
 @pytest.fixture(scope="module")
 def gallery():
-    return {label: [make_shape(label, pose) for pose in range(POSES)] for label in CLASSES}
+    return {label: [made_once(label, pose) for pose in range(POSES)] for label in CLASSES}
 
 
 @pytest.mark.parametrize("label", CLASSES)

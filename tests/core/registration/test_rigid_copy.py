@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -38,8 +38,6 @@ from tests.studies.likeness import screw
 from tests.studies.machine_parts import LONGER, Change, Drawing, Family, part
 
 PIPELINE = Pipeline()
-HAND = make_body("hand").posed(0)
-COARSER = make_body("hand", vertices=1800)
 UNCOMPARED = Similarity(1.0, np.eye(3), np.zeros(3))
 
 
@@ -52,11 +50,21 @@ def a_copy(scale: float, *, mirrored: bool, rel: float) -> RigidCopy:
 
 
 embedded = partial(PIPELINE.embed, descriptors=())
-FIRST = embedded(HAND)
+
+
+@cache
+def hand() -> Mesh:
+    return make_body("hand").posed(0)
+
+
+@cache
+def embedded_hand() -> Embedding:
+    return embedded(hand())
 
 
 def gate(second: Embedding) -> bool:
-    return may_be_copy(spectral(FIRST, second), proportions_of(FIRST), proportions_of(second))
+    first = embedded_hand()
+    return may_be_copy(spectral(first, second), proportions_of(first), proportions_of(second))
 
 
 def proportions_of(embedding: Embedding) -> Proportions:
@@ -71,7 +79,7 @@ def spectral(first: Embedding, second: Embedding) -> float:
 
 
 def by_samples(second: Embedding) -> RigidCopy | None:
-    return copy_by_samples(FIRST, second, spectral(FIRST, second))
+    return copy_by_samples(embedded_hand(), second, spectral(embedded_hand(), second))
 
 
 def probed(first: Mesh, second: Mesh) -> tuple[ProbedSurface, ProbedSurface, tuple[np.ndarray, np.ndarray]]:
@@ -86,32 +94,32 @@ def by_surfaces(first: Mesh, second: Mesh) -> RigidCopy | None:
 
 @pytest.mark.parametrize("scale", [1.0, 1.5, 25.4, 1 / 3])
 def test_the_samples_of_a_turned_copy_tell_its_scale(scale: float) -> None:
-    second = embedded(moved(HAND, 1, scale=scale))
+    second = embedded(moved(hand(), 1, scale=scale))
     assert gate(second)
-    for pair, expected in (((FIRST, second), scale), ((second, FIRST), 1.0 / scale)):
+    for pair, expected in (((embedded_hand(), second), scale), ((second, embedded_hand()), 1.0 / scale)):
         found = copy_by_samples(*pair, spectral(*pair))
         assert found == a_copy(expected, mirrored=False, rel=1e-5)
 
 
-@pytest.mark.parametrize("remeshed", [lambda: subdivide(HAND, 0.4, 1), lambda: simplified(HAND)])
+@pytest.mark.parametrize("remeshed", [lambda: subdivide(hand(), 0.4, 1), lambda: simplified(hand())])
 def test_the_surface_of_a_copy_on_another_mesh_tells_its_scale(remeshed: Callable[[], Mesh]) -> None:
     copy = moved(remeshed(), 2, scale=2.0)
     second = embedded(copy)
     assert gate(second)
     assert by_samples(second) is None
-    assert by_surfaces(HAND, copy) == a_copy(2.0, mirrored=False, rel=0.01)
+    assert by_surfaces(hand(), copy) == a_copy(2.0, mirrored=False, rel=0.01)
 
 
 def test_surfaces_of_one_total_radius_are_told_apart_along_their_axes() -> None:
-    size, volume, *radii, count = FIRST.pieces[0].tolist()
+    size, volume, *radii, count = embedded_hand().pieces[0].tolist()
     long, flat = sorted(radii), [(sum(r * r for r in radii) / 2) ** 0.5] * 2
     rows = np.array([[size, volume, 0.0, *flat, count]], dtype=np.float32)
     assert np.linalg.norm(rows[0, 2:5]) == pytest.approx(np.linalg.norm(long), rel=1e-6)
-    other = replace(FIRST, pieces=rows)
-    assert have_equal_axes(FIRST, FIRST)
-    assert not have_equal_axes(FIRST, other)
-    assert not have_equal_axes(other, FIRST)
-    assert have_equal_axes(FIRST, replace(other, pieces=np.concatenate([rows, rows])))
+    other = replace(embedded_hand(), pieces=rows)
+    assert have_equal_axes(embedded_hand(), embedded_hand())
+    assert not have_equal_axes(embedded_hand(), other)
+    assert not have_equal_axes(other, embedded_hand())
+    assert have_equal_axes(embedded_hand(), replace(other, pieces=np.concatenate([rows, rows])))
 
 
 @pytest.mark.parametrize("change", ["hole", "moved", "larger", "fillet", "longer"])
@@ -121,18 +129,18 @@ def test_the_axes_of_variants_and_copies_are_equal(change: Change) -> None:
         rows = []
         for drawing in drawings:
             cleaned = clean(moved(part(family, drawing), 3))
-            rows.append(replace(FIRST, pieces=pieces(cleaned.mesh, cleaned.labels)))
+            rows.append(replace(embedded_hand(), pieces=pieces(cleaned.mesh, cleaned.labels)))
         assert have_equal_axes(rows[0], rows[1])
         assert have_equal_axes(rows[0], rows[2])
 
 
 def test_a_mirror_image_is_told_by_surfaces() -> None:
-    image = moved(HAND, 4, scale=1.5, mirrored=True)
+    image = moved(hand(), 4, scale=1.5, mirrored=True)
     told = a_copy(1.5, mirrored=True, rel=0.01)
     assert gate(embedded(image))
     assert by_samples(embedded(image)) is None
-    assert by_surfaces(HAND, image) == told
-    assert by_surfaces(HAND, moved(simplified(HAND), 6, scale=1.5, mirrored=True)) == told
+    assert by_surfaces(hand(), image) == told
+    assert by_surfaces(hand(), moved(simplified(hand()), 6, scale=1.5, mirrored=True)) == told
 
 
 @pytest.mark.parametrize(("mirrored", "change"), [(False, None), (True, None), (False, "hole")])
@@ -147,10 +155,10 @@ def test_the_transform_of_a_copy_or_a_variant_takes_it_back(mirrored: bool, chan
 
 
 def test_the_transform_by_samples_takes_a_copy_back() -> None:
-    copy = moved(HAND, 1, scale=25.4)
+    copy = moved(hand(), 1, scale=25.4)
     found = by_samples(embedded(copy))
     assert found is not None
-    assert np.abs(found.placing.apply(copy.vertices) - HAND.vertices).max() <= 1e-4
+    assert np.abs(found.placing.apply(copy.vertices) - hand().vertices).max() <= 1e-4
 
 
 def test_a_symmetric_body_is_a_copy_of_its_mirror_image() -> None:
@@ -179,9 +187,9 @@ def test_a_ring_with_two_studs_is_chiral_if_one_is_off_its_plane(high: float, ch
 
 
 def test_a_pose_and_another_shape_are_no_copies() -> None:
-    pose, octopus = COARSER.posed(1), make_body("octopus").posed(0)
-    assert by_surfaces(HAND, pose) is None
-    assert by_surfaces(HAND, octopus) is None
+    pose, octopus = make_body("hand", vertices=1800).posed(1), make_body("octopus").posed(0)
+    assert by_surfaces(hand(), pose) is None
+    assert by_surfaces(hand(), octopus) is None
     assert not gate(embedded(octopus))
 
 
