@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select
 
 from core.io import write_mesh
-from core.parameters import DEFAULT, PAPER
+from core.parameters import DEFAULT
 from service.cli.archives import reembed
 from service.duplicates import judging, repository, service
 from service.duplicates.groups import Search
@@ -21,6 +21,7 @@ from service.storage.database import Database
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow, NeighboursRow, ShapeRow
 from tests.gallery import make_shape
 from tests.service.engines import on_postgresql, url_in
+from tests.service.pipeline_files import write_parameters
 from tests.service.support import (
     Running,
     relate,
@@ -180,12 +181,13 @@ def test_another_pipeline_has_judgements_of_its_own(tmp_path: Path) -> None:
         before = groups(running)
         relate(running)
         assert running.rows(NeighboursRow) == 2
-    outcome, _ = reembed(settings, PAPER)
+    few = write_parameters(tmp_path)
+    outcome, _ = reembed(settings, few)
     assert outcome.active
-    with serving(settings_in(tmp_path, pipeline="paper")) as running:
+    with serving(settings_in(tmp_path, pipeline=str(tmp_path / "few.json"))) as running:
         assert groups(running) == before
         assert running.rows(JudgedShapeRow) == 4
-        prune_others(running.container.database, PAPER.fingerprint)
+        prune_others(running.container.database, few.fingerprint)
         assert running.rows(JudgedShapeRow) == 2
         assert running.rows(DuplicatePairRow) == 1
         assert running.rows(NeighboursRow) == 0
