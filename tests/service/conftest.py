@@ -6,6 +6,7 @@ from contextlib import ExitStack
 import pytest
 
 from service.observability import logging
+from service.search import compare
 from tests.service import engines
 from tests.service.support import Running, serving, settings_in
 
@@ -55,3 +56,11 @@ def service(shared: Running) -> Running:
     """The shared service, holding nothing."""
     shared.clear()
     return shared
+
+
+@pytest.fixture(scope="module")
+def few_functions() -> Iterator[None]:
+    """Dense correspondences by 100 functions, in a third of the time: the core has tests of more."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compare, "FINE", compare.FUNCTIONS)
+        yield

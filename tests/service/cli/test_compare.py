@@ -16,6 +16,8 @@ from tests.studies.machine_parts import Change, Drawing, part
 
 CHANGES: tuple[Change | None, ...] = (None, "hole")
 
+pytestmark = pytest.mark.usefixtures("few_functions")
+
 
 @pytest.fixture
 def ball(tmp_path: Path) -> Path:

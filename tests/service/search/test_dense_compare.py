@@ -1,7 +1,6 @@
 """Dense correspondences over HTTP: of ids, of files and of both; as JSON, as an archive and as a GLB."""
 
 import io
-from collections.abc import Iterator
 from typing import Any
 
 import httpx
@@ -9,14 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from core.dense.functional_maps import FUNCTIONS
 from core.embedding import DenseCorrespondence
 from core.errors import CannotBeEmbeddedError
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.compute import tasks
 from service.rendering import colours as dense_colours
-from service.search import compare
 from tests.core.dense.solids import chair
 from tests.core.shapes import scaled, turned
 from tests.gallery import make_body
@@ -28,13 +25,7 @@ from tests.studies.machine_parts import Drawing, part
 OTHER = write_mesh(scaled(turned(read_mesh(small_file(1), "off"), 3), 25.4), "off")
 COUNT = 122
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _by_few_functions() -> Iterator[None]:
-    """In a third of the time; what more functions are for is shown by the tests of the core."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compare, "FINE", FUNCTIONS)
-        yield
+pytestmark = pytest.mark.usefixtures("few_functions")
 
 
 @pytest.fixture(scope="module")

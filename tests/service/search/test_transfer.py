@@ -17,6 +17,8 @@ CHOSEN = [3, 50, 90]
 POINTS, PARTNERS = (mesh.vertices[CHOSEN].tolist() for mesh in (ONE, OTHER))
 SIZE = float(np.ptp(OTHER.vertices))
 
+pytestmark = pytest.mark.usefixtures("few_functions")
+
 
 @pytest.fixture(scope="module")
 def ids(shared: Running) -> tuple[str, str]:
