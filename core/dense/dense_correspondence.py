@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from core.arrays import Floats, Ints
 from core.dense.confidence import distortion, spectral_confidence
-from core.dense.functional_maps import FINE, basis, functional_map, nearest_both_ways
+from core.dense.functional_maps import FINE, basis, compared_rows, functional_map, nearest_both_ways
 from core.dense.working_surface import WorkingSurface
 from core.embedding import DenseCorrespondence
 from core.mesh.box_tree import triangle_tree
@@ -85,7 +85,8 @@ class SurfaceMap:
     ----------
     surfaces : two WorkingSurface
     rows : two float64, shapes (n, k) and (m, k)
-        The functions of both in the common spectral domain: near each other where the surfaces correspond.
+        The functions of both in the common spectral domain, and mean curvatures: near each other where the
+        surfaces correspond.
     motion : Similarity or None
         Of the first given mesh onto the second, if the two are rigid copies in large part.
     partners : two
@@ -190,8 +191,7 @@ def surface_map(
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
     starts = [_vertices(surfaces, some) for some in pairs]
     rotation, count, cost, reverses = functional_map(*bases, starts, mirrored, held)
-    size = len(rotation)
-    rows = bases[0].functions[:, :size] @ rotation, bases[1].functions[:, :size]
+    rows = compared_rows(*bases, rotation)
     maps = _vertex_maps(surfaces, rows, (bases[0].areas, bases[1].areas), cost, count)
 
     if motion is None:

@@ -11,7 +11,8 @@ may be mirror images of each other or turned about a long axis. At full size the
 two surfaces' functions closest, nearly commutes with their Laplacians, as isometries do, and brings ridges
 to ridges and hollows to hollows: a turned map of a body preserves lengths and orientation, and its mean
 curvature tells front from back. A map that reverses orientation is kept if it brings functions closer nearly
-everywhere: one shape is then like the mirror image of the other. The kept map may grow further.
+everywhere: one shape is then like the mirror image of the other. The kept map may grow further, with mean
+curvatures beside the functions, which draw ridges to ridges.
 """
 
 from collections.abc import Sequence
@@ -35,6 +36,13 @@ FUNCTIONS, FINE = 100, 300
 """Size of the maps among which one is chosen, the constant function counted, and of the last map if it is
 fine."""
 
+RECONSTRUCTED = (FUNCTIONS, 200, FINE)
+"""Numbers of functions that reconstruct the surfaces whose mean curvatures stand beside the functions."""
+
+RIDGES, LEAST_RIDGES = 2.0, 1.0
+"""Weight of mean curvatures of standard deviation 1 beside 100 functions; and the least standard deviation,
+when the whole area is 1, that they are divided by: below it a surface is round everywhere."""
+
 STARTS, STEP = (6, 20), 5
 """Sizes of first maps that are tried: small ones forgive wrong pairs, large ones read more from right pairs;
 and by how much they grow."""
@@ -55,11 +63,14 @@ LEAST_TO_START, EACH, MOST_HELD = 3, 0.01, 0.5
 HOLDING, BIHARMONIC = 300.0, 30
 """Weight of the distance of landmarks beside the residual, and the functions of biharmonic distances."""
 
-FITS_AS_WELL, DIFFERENT = 3.0, 0.4
-"""Largest difference of the costs of maps that fit about equally well; and the root mean square biharmonic
-distance, over that of two points of the surface, of the images of vertices under different maps. Between
-individuals the maps of octopus, pliers and glasses differ by 0 to 5, the map of a person and the one that is
-turned about by 2 to 5, and other wrong maps by 10 and more."""
+FITS_AS_WELL, SCATTER, EXACT = 3.0, 0.05, -40.0
+"""Largest difference of the costs of maps that fit about equally well, how much it grows with the cost of the
+best map, and the cost above which it grows. Between poses, of cost -50 to -30, the maps of octopus and pliers
+differ by 0 to 2; between unlike octopuses, of cost 100, by 7; wrong maps of bodies by 10 and more."""
+
+DIFFERENT = 0.4
+"""Root mean square biharmonic distance, over that of two points of the surface, of the images of vertices
+under different maps."""
 
 CLEAR = 0.4
 """Least agreement of orientation, or of its negative, by which a map may differ from its start."""
@@ -96,9 +107,10 @@ class Basis:
     orientation : float64, shape (n, e), or None
         Signed areas (`core.spectral.orientation`) of the first functions after the constant one about each
         vertex, over its area; None if the faces are turned every way.
-    curvature : float64, shape (n,), or None
-        Twice the mean curvature of the surface that the first `FUNCTIONS` functions reconstruct, when the
-        whole area is 1; negative where it is convex. None with `orientation`.
+    curvature : float64, shape (n, c), or None
+        Twice the mean curvatures of the surfaces that the first `RECONSTRUCTED` functions reconstruct, as far
+        as there are so many, when the whole area is 1; negative where they are convex. None with
+        `orientation`.
     """
 
     functions: Floats
@@ -147,9 +159,7 @@ class FunctionalMap(NamedTuple):
 
     def partners(self, first: Basis, second: Basis) -> Ints:
         """Return the vertex of the second surface for each of n of the first; several may share one."""
-        size = len(self.rotation)
-        rotated = first.functions[:, :size] @ self.rotation
-        return nearest_both_ways(rotated, second.functions[:, :size])[0]
+        return nearest_both_ways(*compared_rows(first, second, self.rotation))[0]
 
 
 def basis(mesh: Mesh, count: int) -> Basis:
@@ -165,15 +175,14 @@ def basis(mesh: Mesh, count: int) -> Basis:
         return Basis(functions, eigenvalues, shares, None, None)
     vertices = np.arange(len(mesh.vertices))
     planes = signed_areas(functions[:, 1 : ORIENTED + 1], mesh.faces, signs, vertices, len(vertices))
-    low = slice(FUNCTIONS)
-    curvature = _mean_curvature(mesh, signs, functions[:, low], eigenvalues[low], shares) / np.sqrt(total)
+    curvature = _mean_curvatures(mesh, signs, functions, eigenvalues, shares) / np.sqrt(total)
     return Basis(functions, eigenvalues, shares, planes / shares[:, None], curvature)
 
 
-def _mean_curvature(
+def _mean_curvatures(
     mesh: Mesh, signs: Floats, functions: Floats, eigenvalues: Floats, areas: Floats
 ) -> Floats:
-    """Return twice the mean curvature of the surface that functions reconstruct, shape (n,).
+    """Return twice the mean curvatures of the surfaces that functions reconstruct, shape (n, c).
 
     The Laplacian of the positions, the sum of -lambda_i <phi_i, x> phi_i, is along the normal.
     """
@@ -183,10 +192,11 @@ def _mean_curvature(
     for corner in range(3):
         np.add.at(normals, mesh.faces[:, corner], face_normals)
     lengths = np.linalg.norm(normals, axis=1)
-    coefficients = functions.T @ (areas[:, None] * mesh.vertices)
-    laplacian_of_positions = functions @ (-eigenvalues[:, None] * coefficients)
-    along = np.einsum("nx,nx->n", normals, laplacian_of_positions)
-    return np.asarray(along / np.where(lengths > 0.0, lengths, 1.0))
+    normals /= np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    coefficients = -eigenvalues[:, None] * (functions.T @ (areas[:, None] * mesh.vertices))
+    sizes = [size for size in RECONSTRUCTED if size <= len(eigenvalues)] or [len(eigenvalues)]
+    laplacians = (functions[:, :size] @ coefficients[:size] for size in sizes)
+    return np.stack([np.einsum("nx,nx->n", normals, each) for each in laplacians], axis=1)
 
 
 def functional_map(
@@ -265,13 +275,14 @@ def functional_map(
     costs = np.array([fit.cost(sign) for fit, sign in zip(fits, signs, strict=True)])
     reverses = oriented & (signs < 0.0)
     chosen = _chosen(fits, costs, reverses, (some[0].areas, some[1].areas), by_cost=held is not None)
-    fits_too = (reverses == reverses[chosen]) & (costs <= costs[chosen] + FITS_AS_WELL)
+    most = costs[chosen] + FITS_AS_WELL + SCATTER * max(costs[chosen] - EXACT, 0.0)
+    fits_too = (reverses == reverses[chosen]) & (costs <= most)
     order = np.argsort(costs, kind="stable")
     count = len(_different(*some, [maps[which] for which in order if fits_too[which]]))
     best = maps[chosen]
     if whole < largest:
         finer = _some(first, FINELY_REFINED), _some(second, FINELY_REFINED)
-        best = _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held)
+        best = _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held, ridged=True)
     return FunctionalMap(best, count, float(costs[chosen]), bool(reverses[chosen]) if oriented else None)
 
 
@@ -357,7 +368,7 @@ def _fit(first: Basis, second: Basis, rotation: Floats, held: Held | None) -> _F
     if held is not None:
         cost += HOLDING * held.gap(rotation, theirs)
     if first.curvature is not None and second.curvature is not None:
-        cost -= RIDGED * _correlation(first.curvature, second.curvature[forward], first.areas)
+        cost -= RIDGED * _correlation(first.curvature[:, 0], second.curvature[forward, 0], first.areas)
     if first.orientation is None or second.orientation is None:
         return _Fit(cost, 0.0, gaps)
     width = first.functions[:, 1 : ORIENTED + 1].shape[1]
@@ -403,19 +414,42 @@ def _sizes(size: int, largest: int, step: int) -> list[int]:
 
 
 def _upsampled(
-    first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int], held: Held | None = None
+    first: Basis,
+    second: Basis,
+    rotation: Floats,
+    sizes: Sequence[int],
+    held: Held | None = None,
+    *,
+    ridged: bool = False,
 ) -> Floats:
-    """Return the map grown to each of several sizes in turn, fitted to landmarks as well."""
+    """Return the map grown to each of several sizes in turn, fitted to landmarks, if `ridged` to ridges."""
     for size in sizes:
         known = len(rotation)
-        forward, backward = nearest_both_ways(
-            first.functions[:, :known] @ rotation, second.functions[:, :known]
-        )
+        rows = first.functions[:, :known] @ rotation, second.functions[:, :known]
+        forward, backward = nearest_both_ways(*(compared_rows(first, second, rotation) if ridged else rows))
         ours, theirs = first.functions[:, :size], second.functions[:, :size]
         ahead = (first.areas[:, None] * ours).T @ theirs[forward]
         cross = ahead + ours[backward].T @ (second.areas[:, None] * theirs)
         rotation = _orthogonal(cross if held is None else cross + held.cross(size))
     return rotation
+
+
+def compared_rows(first: Basis, second: Basis, rotation: Floats) -> tuple[Floats, Floats]:
+    """Return rows of n and m vertices, shapes (n, k + c) and (m, k + c), that are near for partners.
+
+    They are the k functions of both under the map between them, and weighted mean curvatures.
+    """
+    size = len(rotation)
+    rows = [[first.functions[:, :size] @ rotation], [second.functions[:, :size]]]
+    if first.curvature is not None and second.curvature is not None:
+        curvatures = first.curvature, second.curvature
+        width = min(curvature.shape[1] for curvature in curvatures)
+        for side, curvature, own in zip((first, second), curvatures, rows, strict=True):
+            ridges = curvature[:, :width] - side.areas @ curvature[:, :width]
+            deviations = np.sqrt(side.areas @ ridges**2)
+            weight = RIDGES * np.sqrt(size / FUNCTIONS)
+            own.append(weight * ridges / np.maximum(deviations, LEAST_RIDGES))
+    return np.hstack(rows[0]), np.hstack(rows[1])
 
 
 def nearest_both_ways(ours: Floats, theirs: Floats) -> tuple[Ints, Ints]:

@@ -31,7 +31,7 @@ ALIKE = 0.8
 """Two maps are one if they pair at least this share of the samples alike."""
 
 SYMMETRIES = 4
-"""Largest number of maps of the first shape to itself, and of maps between both, that are composed."""
+"""Largest number of maps of each shape to itself, and of maps between both, that are composed."""
 
 _Maps = tuple[Float32s, Float32s, Int32s]
 """Rotations (c, b k, b k), scores (c,) and partners (c, s) of the first samples, of c maps."""
@@ -61,22 +61,28 @@ def candidate_maps(
 ) -> CandidateMaps:
     """Return at most `most` maps that preserve orientation and fit about as well as any.
 
-    If `most` is more than 1, half as many that reverse orientation follow; where no map preserves it, at most
-    `most` are returned.
+    If `most` is more than 1, half as many that only symmetries of the second shape show follow, and half as
+    many that reverse orientation; where no map preserves it, at most `most` are returned.
     The orientations of the embeddings, shapes (m, e) and (n, e), belong to the coordinates of one domain.
     """
     maps = _maps(x, y, rounds)
+    searched = len(maps[1])
     agreements = _agreements(x, maps, orientations, domain)
     fitting, preserving = _fitting(maps, agreements)
     if most > 1 or not preserving.any():
-        maps = _joined(maps, _composed(x, y, rounds, maps))
+        before, after = (_composed(x, y, rounds, maps, of_second=each) for each in (False, True))
+        maps = _joined(_joined(maps, before), after)
+        searched += len(before[1])
         agreements = _agreements(x, maps, orientations, domain)
         fitting, preserving = _fitting(maps, agreements)
     rotations, scores, partners = maps
     order = np.argsort(-(scores + AGREEMENT_WEIGHT * np.abs(agreements)), kind="stable")
-    kept = _different(partners, order[preserving[order]], most)
-    reversing = fitting & ~preserving
-    chosen = kept + _different(partners, order[reversing[order]], most // 2 if kept else most)
+    first = order[order < searched]
+    kept = _different(partners, first[preserving[first]], most)
+    reversing = first[(fitting & ~preserving)[first]]
+    others = _different(partners, reversing, most // 2 if kept else most)
+    kept = _different(partners, np.append(kept, order[preserving[order]]).astype(np.int64), most + most // 2)
+    chosen = kept + others
     mirrored = [not preserving[which] for which in chosen]
     candidates = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored)
     count = max(1, rounds.final_rounds + rounds.slides)
@@ -147,18 +153,18 @@ def _fitting(maps: _Maps, agreements: Floats) -> tuple[NDArray[np.bool_], NDArra
     return fitting, fitting & (agreements > 0.0)
 
 
-def _composed(x: MatchRecord, y: MatchRecord, rounds: SearchRounds, maps: _Maps) -> _Maps:
-    """Return the best maps after the symmetries of the first shape, refined.
+def _composed(x: MatchRecord, y: MatchRecord, rounds: SearchRounds, maps: _Maps, *, of_second: bool) -> _Maps:
+    """Return the best maps after the symmetries of the first shape, or before those of the second, refined.
 
     The search from one shape to the other may miss a map of a symmetric shape. The symmetries are the maps of
-    the shape to itself.
+    the shape to itself; a pose may hide them on one shape and show them on the other.
     """
-    symmetries = _maps(x, x, rounds)
+    symmetries = _maps(y, y, rounds) if of_second else _maps(x, x, rounds)
     turns, ends = (
         each[0][_different(each[2], np.argsort(-each[1], kind="stable"), SYMMETRIES)]
         for each in (symmetries, maps)
     )
-    rotations = np.array([turn @ end for turn in turns for end in ends])
+    rotations = np.array([end @ turn if of_second else turn @ end for turn in turns for end in ends])
     count = 1 + rounds.align_rounds
     refined = [_refined(x, y, rounds.align_samples, ROUGH, count, rotation) for rotation in rotations]
     scores, partners = (
