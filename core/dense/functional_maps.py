@@ -85,7 +85,7 @@ SEARCHED, REFINED = 600, 2000
 """Vertices of each surface that all maps are fitted to while they are small, and the later ones; the last map
 then pairs all."""
 
-FINE_STEP, FINELY_REFINED = 50, 3500
+FINE_STEP, FINELY_REFINED = 25, 3500
 """By how much a map grows from `FUNCTIONS` to `FINE`, and the vertices of each surface that fit it."""
 
 _ROWS = 1024
