@@ -63,7 +63,7 @@ LEAST_TO_START, EACH, MOST_HELD = 3, 0.01, 0.5
 HOLDING, BIHARMONIC = 300.0, 30
 """Weight of the distance of landmarks beside the residual, and the functions of biharmonic distances."""
 
-FITS_AS_WELL, SCATTER, EXACT = 3.0, 0.05, -40.0
+FITS_AS_WELL, SCATTER, UNLIKE = 3.0, 0.06, 20.0
 """Largest difference of the costs of maps that fit about equally well, how much it grows with the cost of the
 best map, and the cost above which it grows. Between poses, of cost -50 to -30, the maps of octopus and pliers
 differ by 0 to 2; between unlike octopuses, of cost 100, by 7; wrong maps of bodies by 10 and more."""
@@ -275,7 +275,7 @@ def functional_map(
     costs = np.array([fit.cost(sign) for fit, sign in zip(fits, signs, strict=True)])
     reverses = oriented & (signs < 0.0)
     chosen = _chosen(fits, costs, reverses, (some[0].areas, some[1].areas), by_cost=held is not None)
-    most = costs[chosen] + FITS_AS_WELL + SCATTER * max(costs[chosen] - EXACT, 0.0)
+    most = costs[chosen] + FITS_AS_WELL + SCATTER * max(costs[chosen] - UNLIKE, 0.0)
     fits_too = (reverses == reverses[chosen]) & (costs <= most)
     order = np.argsort(costs, kind="stable")
     count = len(_different(*some, [maps[which] for which in order if fits_too[which]]))
