@@ -156,9 +156,10 @@ class Match:
     effective : bool, shape (p,)
         Whether that distance is at most gamma (below Eq. 19) and the pair one-to-one.
     mirrored : bool or None
-        Whether the correspondence reverses orientation: the second shape is like the mirror image of the
-        first, and no correspondence that fits about as well preserves orientation. None if an embedding has
-        no orientation; left and right may then be exchanged.
+        Whether the second shape is like the mirror image of the first: no correspondence that fits about as
+        well preserves orientation. None if correspondences of either orientation fit, as between bodies that
+        are nearly their own mirror images; the one that preserves it is then given. None as well if an
+        embedding has no orientation; left and right may then be exchanged.
     """
 
     cc: float

@@ -42,13 +42,15 @@ class CandidateMaps:
     """Different maps from a shape of m samples to one of n samples that fit about equally well, best first.
 
     x.points @ rotation lies on y.points. `forward` and `backward`, shapes (m,) and (n,), are the partners of
-    the samples of both. Maps that reverse orientation are `mirrored`.
+    the samples of both. Maps that reverse orientation are `mirrored`. `image` tells whether no other map fits
+    about as well: one shape is like the mirror image of the other. It is None if maps of either kind fit.
     """
 
     rotations: list[Float32s]
     forward: list[Int32s]
     backward: list[Int32s]
     mirrored: list[bool]
+    image: bool | None
 
 
 def candidate_maps(
@@ -84,7 +86,9 @@ def candidate_maps(
     kept = _different(partners, np.append(kept, order[preserving[order]]).astype(np.int64), most + most // 2)
     chosen = kept + others
     mirrored = [not preserving[which] for which in chosen]
-    candidates = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored)
+    either = preserving.any() and (fitting & ~preserving).any()
+    image = None if either else mirrored[0]
+    candidates = CandidateMaps([rotations[which] for which in chosen], [], [], mirrored, image)
     count = max(1, rounds.final_rounds + rounds.slides)
     for rotation in candidates.rotations:
         _, forward, backward = _refined(x, y, None, EXACT, count, rotation)

@@ -101,7 +101,7 @@ class ProcrustesMatcher:
         if orientations is not None and not same:
             ordered = (orientations[1], orientations[0]) if order < 0 else orientations
             maps = self._candidates(x, y, ordered, 1)
-            rotation, mirrored = maps.rotations[0], maps.mirrored[0]
+            rotation, mirrored = maps.rotations[0], maps.image
         matches, distances, effective = one_to_one_pairs(x, y, rotation, same=same)
         cc, ssd, sim = scores[0].tolist()
         pairs = np.stack([np.arange(len(matches)), matches], axis=1).astype(np.int32)

@@ -50,7 +50,8 @@ def test_poses_of_a_symmetric_body_keep_left_and_right(quadruped):
             if a != b:
                 match = PIPELINE.match(poses[a], poses[b])
                 direct, exchanged = errors(body, poses[a], poses[b], match)
-                assert match.mirrored is False
+                # The body is nearly its own mirror image.
+                assert match.mirrored is None
                 assert direct < exchanged
 
 
@@ -77,9 +78,9 @@ def test_the_mirror_image_of_a_chiral_shape_is_told():
     assert PIPELINE.match(shape, PIPELINE.embed(mirror_image(mirror_image(chiral())))).mirrored is False
 
 
-def test_the_mirror_image_of_a_symmetric_shape_is_itself(quadruped):
+def test_samples_do_not_tell_the_mirror_image_of_a_symmetric_body(quadruped):
     body, poses = quadruped
-    assert PIPELINE.match(poses[0], PIPELINE.embed(mirror_image(body.posed(1)))).mirrored is False
+    assert PIPELINE.match(poses[0], PIPELINE.embed(mirror_image(body.posed(1)))).mirrored is None
 
 
 def test_faces_turned_every_way_leave_it_open():
