@@ -5,7 +5,14 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from core.dense.functional_maps import FUNCTIONS, basis, functional_map, nearest_both_ways
+from core.dense.functional_maps import (
+    FUNCTIONS,
+    RIDGES,
+    basis,
+    compared_rows,
+    functional_map,
+    nearest_both_ways,
+)
 from core.errors import ParameterError
 from core.evaluation.correspondence_errors import PreparedMesh, dense_map, surface_distances
 from core.gallery.bodies import individual_partners
@@ -91,6 +98,18 @@ def test_mean_curvature_of_a_sphere():
     found = basis(Mesh(ball.vertices, ball.faces[:, ::-1]), FUNCTIONS)
     # At unit area -2 over the radius, whichever way the faces are turned; the mesh is a polyhedron.
     np.testing.assert_allclose(found.curvature, -2.0 * np.sqrt(4.0 * np.pi), rtol=0.02)
+
+    # A surface that is round everywhere has no ridges, whatever its triangles.
+    assert np.abs(compared_rows(found, found, np.eye(FUNCTIONS))[0][:, FUNCTIONS:]).max() < 0.15 * RIDGES
+
+
+def test_ridges_have_one_weight(shuffled):
+    _, here, _ = shuffled
+    rows, same = compared_rows(here, here, np.eye(FUNCTIONS))
+    np.testing.assert_allclose(rows, same)
+    np.testing.assert_array_equal(same[:, :FUNCTIONS], here.functions)
+    np.testing.assert_allclose(here.areas @ rows[:, FUNCTIONS:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(here.areas @ rows[:, FUNCTIONS:] ** 2, RIDGES**2)
 
 
 def test_mean_curvature_of_a_torus():
