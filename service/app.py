@@ -260,9 +260,7 @@ def _watch(
         "Shapes whose signatures are in memory, as of the last query.",
         lambda: pipelines.indexed,
     )
-    watch(
-        "rows_bytes", "Memory of the match records and points in the caches.", lambda: pipelines.cached_bytes
-    )
+    watch("rows_bytes", "Memory of the match records in the cache.", lambda: pipelines.cached_bytes)
 
 
 def _count(processes: Executor, state: str) -> int:

@@ -25,7 +25,6 @@ from core.graph.bridges import bridges
 from core.io import Limits, read_file
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
-from core.matching.quantised_points import quantised_points
 from core.matching.thin_plate_spline import compiled_spline_operators
 from core.mesh.bounding_box import Sides, bounding_box, file_box
 from core.mesh.box_tree import closest_on_triangles, triangle_tree
@@ -309,10 +308,9 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
         score_match_records(match_records[0], match_records, parameters)
-        coarse_ranking(
-            match_records[0], np.stack([coarse_samples(embedding) for embedding in embeddings]), parameters
-        )
-        rerank(match_records[0], [quantised_points(embedding) for embedding in embeddings], parameters)
+        samples = np.stack([coarse_samples(embedding) for embedding in embeddings])
+        coarse_ranking(match_records[0], samples, parameters)
+        rerank(match_records[0], samples, parameters)
 
 
 @lru_cache(maxsize=4)

@@ -16,7 +16,6 @@ from threadpoolctl import threadpool_limits
 from core.embedding import Embedding
 from core.io import format_of, read_mesh, write_mesh
 from core.matching.match_records import match_record, score_match_records
-from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
 from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
@@ -169,14 +168,13 @@ def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dic
     copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
     packed = match_record(query, DEFAULT)
     candidates = [match_record(copy, DEFAULT) for copy in copies]
-    points = [quantised_points(copy) for copy in copies]
     samples = np.stack([coarse_samples(copy) for copy in copies])
     stored = [embedding_to_bytes(embedding) for embedding in (query, candidate)]
     embeddings = [embedding_from_bytes(record) for record in stored]
     records = [match_record(embedding, DEFAULT) for embedding in embeddings]
     return {
         "one_of_many": lambda: _seconds(lambda: score_match_records(packed, candidates, DEFAULT)) / MANY,
-        "reranking": lambda: _seconds(lambda: rerank(packed, points, DEFAULT)) / MANY,
+        "reranking": lambda: _seconds(lambda: rerank(packed, samples, DEFAULT)) / MANY,
         "coarse_ranking": lambda: _seconds(lambda: coarse_ranking(packed, samples, DEFAULT)) / MANY,
         "score": lambda: _seconds(lambda: method.score(query, [candidate])),
         "decode": lambda: _seconds(lambda: [embedding_from_bytes(record) for record in stored]),

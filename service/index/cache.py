@@ -1,6 +1,6 @@
 """The LRU cache of values that are made of embeddings, and the samples of collections.
 
-The values are match records, points or descriptors. Local densities are measured in the samples.
+The values are match records or descriptors. Local densities are measured in the samples.
 """
 
 import math
@@ -21,9 +21,6 @@ Value = TypeVar("Value")
 ABOUT = 43_000
 """Bytes of a match record, before one is known."""
 
-POINTS_BYTES = 13_000
-"""Bytes of the points of a shape, likewise."""
-
 
 class EmbeddingCache(Generic[Value]):
     """Values by the number of their embedding, which is never reused; for several threads.
@@ -36,18 +33,14 @@ class EmbeddingCache(Generic[Value]):
         The most bytes of values. The least recently used ones are evicted.
     nbytes : callable, optional
         The bytes of a value; its attribute `nbytes` unless given.
-    about : int, optional
-        The bytes that a value is taken for before one is known; `ABOUT` unless given.
     """
 
-    def __init__(
-        self, room: int, nbytes: Callable[[Value], int] = operator.attrgetter("nbytes"), about: int = ABOUT
-    ) -> None:
+    def __init__(self, room: int, nbytes: Callable[[Value], int] = operator.attrgetter("nbytes")) -> None:
         self._lock = threading.Lock()
         self._room = max(room, 0)
         # The room changes, the bound of an LRUCache cannot: `_evict` bounds it instead.
         self._values: LRUCache[int, Value] = LRUCache(math.inf, getsizeof=nbytes)
-        self._nbytes, self._about = nbytes, about
+        self._nbytes = nbytes
 
     def __len__(self) -> int:
         """Number of values."""
@@ -61,7 +54,7 @@ class EmbeddingCache(Generic[Value]):
     def free_count(self) -> int:
         """Return the approximate number of further values that there is room for, of the mean size."""
         with self._lock:
-            each = self.nbytes // len(self._values) if self._values else self._about
+            each = self.nbytes // len(self._values) if self._values else ABOUT
             return (self._room - self.nbytes) // each
 
     def get(self, numbers: Iterable[int]) -> dict[int, Value]:

@@ -7,7 +7,7 @@ from core.arrays import Float32s
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from service.errors import REEMBED
-from service.index.cache import COLLECTIONS, POINTS_BYTES, CollectionSample, EmbeddingCache
+from service.index.cache import COLLECTIONS, CollectionSample, EmbeddingCache
 from service.index.signature_table import SignatureTable
 from service.observability.logging import get_logger
 from service.pipelines import repository
@@ -19,7 +19,7 @@ log = get_logger("pipelines")
 
 @dataclass(frozen=True, eq=False)
 class ActivePipeline:
-    """A pipeline, the index of its signatures, and caches of its match records, points and samples.
+    """A pipeline, the index of its signatures, and caches of its match records and samples.
 
     The key of a sample is the number of its collection; the revision of the archive stands beside it.
     """
@@ -27,7 +27,6 @@ class ActivePipeline:
     pipeline: Pipeline
     index: SignatureTable
     cache: EmbeddingCache[Float32s]
-    points: EmbeddingCache[bytes]
     samples: EmbeddingCache[tuple[int, CollectionSample]]
 
     @property
@@ -66,7 +65,6 @@ class Pipelines:
                     Pipeline(parameters),
                     SignatureTable(fingerprint),
                     EmbeddingCache(self._room),
-                    EmbeddingCache(0, len, POINTS_BYTES),
                     EmbeddingCache(COLLECTIONS, lambda _: 1),
                 )
             return self._active
@@ -85,9 +83,9 @@ class Pipelines:
 
     @property
     def cached_bytes(self) -> int:
-        """The size of the cached match records and points, in bytes."""
+        """The size of the cached match records, in bytes."""
         active_pipeline = self._active
-        return 0 if active_pipeline is None else active_pipeline.cache.nbytes + active_pipeline.points.nbytes
+        return 0 if active_pipeline is None else active_pipeline.cache.nbytes
 
 
 def fingerprint(session: ReadSession) -> str:

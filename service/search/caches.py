@@ -1,4 +1,4 @@
-"""The parts of stored embeddings that queries read: match records, points and descriptors, cached in memory.
+"""The parts of stored embeddings that queries read: match records and descriptors, cached in memory.
 
 A query reads the embedding record of a candidate at most once (`CandidateReader`), and makes all that the
 caches lack from it. The cache warmer fills the caches at the start, and as shapes arrive.
@@ -18,13 +18,13 @@ from core.descriptors.registry import ShapeDescriptors
 from core.errors import BadRecordError, CoreError
 from core.matching.match_records import match_record
 from core.ranking.local_density import density_sample
-from core.serialization import descriptors_from_bytes, embedding_from_bytes, points_in
+from core.serialization import descriptors_from_bytes, embedding_from_bytes
 from service.collection import CollectionNumber
 from service.compute.request_queue import whole
 from service.compute.tasks import example_records, warm_comparing
 from service.container import Container
 from service.errors import ServiceError
-from service.index.cache import ABOUT, POINTS_BYTES, CollectionSample, EmbeddingCache
+from service.index.cache import ABOUT, CollectionSample, EmbeddingCache
 from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.pipelines.active import ActivePipeline
@@ -44,13 +44,9 @@ FIRST_SECONDS = 5.0
 """The longest time that the service is not ready while it caches the stored embeddings at its start."""
 
 LEAST_SHARE = 4
-"""Points and match records have at least this part (one in four) of the memory for searching."""
+"""Match records have at least this part (one in four) of the memory for searching."""
 
-POINTS_SHARE = 7 / 8
-"""The largest share of the points in the room of both caches: a query re-ranks many more shapes than it
-compares in full."""
-
-RECORDS_AT_ONCE, POINTS_AT_ONCE = 16, 256
+RECORDS_AT_ONCE = 16
 
 
 class CandidateReader:
@@ -64,7 +60,6 @@ class CandidateReader:
         self._descriptors = container.descriptors
         self._parameters = active_pipeline.pipeline.parameters
         self._match_records = active_pipeline.cache
-        self._points = active_pipeline.points
         self._records: dict[int, bytes] = {}
 
     def records(self, numbers: Sequence[int]) -> dict[int, bytes]:
@@ -105,15 +100,6 @@ class CandidateReader:
         described = self._descriptors.get(numbers)
         missing = [number for number in numbers if number not in described]
         return described | _described(self._descriptors, self.records(missing))
-
-    def points(self, numbers: Sequence[int]) -> dict[int, bytes]:
-        """Return points by number."""
-        points = self._points.get(numbers)
-        for number, record in self.records([number for number in numbers if number not in points]).items():
-            with suppress(BadRecordError):
-                points[number] = points_in(record)
-                self._points.put(number, points[number])
-        return points
 
 
 def collection_sample(
@@ -158,7 +144,7 @@ class CacheWarmer:
     """Fills the caches of the active pipeline, the newest embeddings first, one thread at a time.
 
     Embeddings beyond the room of a cache wait for a query that needs them, and the cache warmer waits for
-    running queries. Points are cached where queries are re-ranked, before match records.
+    running queries.
     """
 
     def __init__(self, container: Container) -> None:
@@ -174,17 +160,13 @@ class CacheWarmer:
         while True:
             # After any other error, queries are answered without a warm cache.
             try:
-                active_pipeline, points, records = await whole(run_in_threadpool(self._missing))
-                for fill, numbers, length in (
-                    (self._put_points, points, POINTS_AT_ONCE),
-                    (self._put_records, records, RECORDS_AT_ONCE),
-                ):
-                    for start in range(0, len(numbers), length):
-                        await self._container.searches.until_idle()
-                        batch = numbers[start : start + length]
-                        await whole(run_in_threadpool(fill, active_pipeline, batch))
-                        if monotonic() > latest:
-                            ready.set()
+                active_pipeline, numbers = await whole(run_in_threadpool(self._missing))
+                for start in range(0, len(numbers), RECORDS_AT_ONCE):
+                    await self._container.searches.until_idle()
+                    batch = numbers[start : start + RECORDS_AT_ONCE]
+                    await whole(run_in_threadpool(self._put_records, active_pipeline, batch))
+                    if monotonic() > latest:
+                        ready.set()
                 ready.set()
             except ServiceError:
                 pass
@@ -208,29 +190,23 @@ class CacheWarmer:
                     warm = True
             await asyncio.sleep(WARM_SECONDS)
 
-    def _missing(self) -> tuple[ActivePipeline, list[int], list[int]]:
-        """Return the embeddings that the caches of points and of match records lack and have room for."""
+    def _missing(self) -> tuple[ActivePipeline, list[int]]:
+        """Return the embeddings that the cache of match records lacks and has room for."""
         settings, descriptors = self._container.settings, self._container.descriptors
         with self._container.database.read() as session:
             active_pipeline = self._container.pipelines.current(session)
             if not active_pipeline.pipeline.matcher.uses_match_records:
-                return active_pipeline, [], []
+                return active_pipeline, []
             index = signature_index(self._container, active_pipeline)
             embeddings = index.newest(session, settings.search_bytes // ABOUT)
             seen = (active_pipeline.fingerprint, index.revision)
             if index.revision and seen != self._seen:
-                for cache in (active_pipeline.cache, active_pipeline.points, descriptors):
+                for cache in (active_pipeline.cache, descriptors):
                     cache.keep(embeddings)
                 self._seen = seen
         room = settings.search_bytes - index.nbytes - descriptors.nbytes
-        room = max(room, settings.search_bytes // LEAST_SHARE)
-        points_room = 0
-        if len(embeddings) >= settings.shortlist_from:
-            points_room = min(POINTS_BYTES * len(embeddings), int(POINTS_SHARE * room))
-        active_pipeline.points.resize(points_room)
-        active_pipeline.cache.resize(room - points_room)
-        points = self._wanted(active_pipeline.points, embeddings)
-        return active_pipeline, points, self._wanted(active_pipeline.cache, embeddings)
+        active_pipeline.cache.resize(max(room, settings.search_bytes // LEAST_SHARE))
+        return active_pipeline, self._wanted(active_pipeline.cache, embeddings)
 
     def _wanted(self, cache: EmbeddingCache[Any], embeddings: Ints) -> list[int]:
         """Return the embeddings that a cache lacks, the last ones first, as many as it has room for."""
@@ -239,10 +215,6 @@ class CacheWarmer:
             return []
         newest = dict.fromkeys(embeddings[::-1].tolist())
         return [number for number in cache.missing(newest) if number not in self._unusable][:free]
-
-    def _put_points(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
-        points = CandidateReader(self._container, active_pipeline).points(numbers)
-        self._unusable.update(number for number in numbers if number not in points)
 
     def _put_records(self, active_pipeline: ActivePipeline, numbers: list[int]) -> None:
         records, _ = CandidateReader(self._container, active_pipeline).match_records(numbers)

@@ -1,8 +1,8 @@
 """The candidates of a query and their scores, in batches on the threads of the service.
 
 The candidates are all shapes that match the filter of the query, or a shortlist of them. The cascade: coarse
-ranking by the coarse samples in memory; re-ranking by quantised points; the full match. Each step passes the
-best on. The first two run for a shortlist only.
+ranking and re-ranking by the coarse samples in memory; the full match. Each step passes the best on. The
+first two run for a shortlist only.
 """
 
 import asyncio
@@ -211,21 +211,16 @@ class Cascade:
         return _best(candidates, scores, count)[0]
 
     async def _rerank(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
-        """Return the best candidates by their points, and by descriptors if log odds rank the answer.
+        """Return the best candidates by re-ranking, and by descriptors if log odds rank the answer.
 
-        Scores come from the points even if match records are cached: an answer never depends on the cache.
         Coarse log odds choose the candidates whose descriptors are read; of an incomplete query, all are.
         """
+        coarse_samples = candidates.entries.coarse_samples
 
-        def match_points(embeddings: Ints) -> Floats:
-            numbers = embeddings.tolist()
-            points = self.reader.points(numbers)
-            present = [i for i, number in enumerate(numbers) if number in points]
-            scores = np.full((1, len(numbers)), np.nan)
-            scores[0, present] = rerank(record, [points[numbers[i]] for i in present], self.parameters)
-            return scores
+        def match_samples(rows: Ints) -> Floats:
+            return rerank(record, coarse_samples[rows], self.parameters)[None].astype(float)
 
-        (cc,) = await self.in_batches(match_points, candidates.entries.embeddings, MATCH_BATCH)
+        (cc,) = await self.in_batches(match_samples, np.arange(len(candidates)), MATCH_BATCH)
         if not self.by_log_odds:
             return _best(candidates, cc, count)[0]
         if not is_part(self.query.spin_images):

@@ -1,7 +1,7 @@
-"""One shape matched with many others, in each of the three forms in which others are held.
+"""One shape matched with many others, in each of the two forms in which others are held.
 
-Match records are matched in full. Quantised points have flat splines in place of those of a match record, and
-coarse samples have none: both give an approximate CC.
+Match records are matched in full. Coarse samples have flat splines in place of those of a match record, and
+give an approximate CC.
 """
 
 import math
@@ -11,13 +11,11 @@ import numpy as np
 from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
 from core.matching.kernels.match_record import ONE, MatchRecord, decoded, precedes, searched_columns
 from core.matching.kernels.pair_matching import fit_map, score_pairs
-from core.matching.kernels.points import points_of, sorted_regions
 from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
-MATCH_RECORD, POINTS, COARSE_SAMPLES = 0, 1, 2
-"""The form of the others: encoded match records, quantised points (`core.matching.quantised_points`), or
-coarse samples (`core.ranking.reranking`)."""
+MATCH_RECORD, COARSE_SAMPLES = 0, 1
+"""The form of the others: encoded match records, or coarse samples (`core.ranking.reranking`)."""
 
 NEW_DIRECTION = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
@@ -87,38 +85,27 @@ def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
 
 
 @kernel
-def record_of_points(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
-    """Return a match record with flat splines, and with the warp, radius and key of x, which no map reads.
+def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
+    """Return a match record of samples without regions, and with the warp, radius and key of x.
 
-    Its points are none if `points_of` finds none.
+    Its splines are flat; a search from x alone reads none, and gets those of x.
     """
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
-    points, regions = points_of(data, columns)
-    offsets, members = sorted_regions(regions)
-    # The first samples, with splines made from them.
-    samples = min(rounds.search_samples, len(offsets) - 1)
-    searched = searched_columns(points, domains, dimensions, samples)
-    stages = dimensions - rounds.first_dimensions + 1
-    operators = np.empty((domains, stages, samples, samples), dtype=np.int16)
-    if samples > 0:
-        flat_splines(searched, rounds.first_dimensions, operators)
-    return MatchRecord(points, searched, operators, offsets, members, x.warp, x.radius, x.key)
-
-
-@kernel
-def record_of_samples(data: Bytes, x: MatchRecord) -> MatchRecord:
-    """Return a match record without splines or regions, for a search from the samples of x alone."""
-    domains, dimensions, _ = x.searched.shape
-    columns = x.points.shape[1]
-    count = int(data[:4].view(np.int32)[0])
+    count = min(int(data[:4].view(np.int32)[0]), rounds.align_samples)
     start = 4 + 4 * columns
     points = dequantised_points(data[start : start + count * columns], data[4:start].view(np.float32))
-    searched = searched_columns(points, domains, dimensions, count)
+    samples = min(rounds.search_samples, count)
+    searched = searched_columns(points, domains, dimensions, samples)
+    operators = x.operators
+    if rounds.sides > 1 and samples > 0:
+        stages = dimensions - rounds.first_dimensions + 1
+        operators = np.empty((domains, stages, samples, samples), dtype=np.int16)
+        flat_splines(searched, rounds.first_dimensions, operators)
     offsets = np.empty(count + 1, dtype=np.int32)
     for i in range(count + 1):
         offsets[i] = i
-    return MatchRecord(points, searched, x.operators, offsets, offsets, x.warp, x.radius, x.key)
+    return MatchRecord(points, searched, operators, offsets, offsets, x.warp, x.radius, x.key)
 
 
 @kernel
@@ -142,12 +129,11 @@ def compare_many(
     ends : int64, shape (c,)
         The end of each shape in `others`.
     form : int
-        `MATCH_RECORD`, `POINTS` or `COARSE_SAMPLES`.
+        `MATCH_RECORD` or `COARSE_SAMPLES`.
     rounds : SearchRounds
-        With coarse samples, of one side and without final rounds.
+        With coarse samples, without final rounds.
     scores : float64, shape (c, 3)
-        Written: CC, SSD and sim for match records; of other forms CC alone, -2 if the bytes are not those of
-        a shape with a sample.
+        Written: CC, SSD and sim for match records; of coarse samples CC alone, -2 without a sample.
     rotation : float32, shape (b k, b k)
         Written: the map of the last pair, from the shape that comes first (`precedes`) to the second.
     """
@@ -156,12 +142,7 @@ def compare_many(
     for i in range(len(ends)):
         # The other shape, in whichever form it is held.
         data = others[ends[i - 1] if i else 0 : ends[i]]
-        if form == MATCH_RECORD:
-            y = decoded(data.view(np.float32))
-        elif form == POINTS:
-            y = record_of_points(data, x, rounds)
-        else:
-            y = record_of_samples(data, x)
+        y = decoded(data.view(np.float32)) if form == MATCH_RECORD else record_of_samples(data, x, rounds)
         scores[i, 0] = -2.0
         if len(y.points) == 0:
             continue

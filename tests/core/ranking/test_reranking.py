@@ -1,4 +1,4 @@
-"""Approximate CC from quantised points, against the plain match on the same numbers; bad bytes."""
+"""Approximate CC from coarse samples, against the plain match on the same numbers."""
 
 from dataclasses import replace
 from itertools import permutations, product
@@ -9,10 +9,9 @@ import pytest
 from core.matching.kernels.match_record import ONE, decoded
 from core.matching.kernels.one_to_many import flat_splines
 from core.matching.match_records import match_record, score_match_records, search_rounds
-from core.matching.quantised_points import decoded_points, quantised_points
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.ranking.reranking import COARSE_SAMPLES, coarse_ranking, coarse_samples, rerank
+from core.ranking.reranking import COARSE_SAMPLES, KEPT_SAMPLES, coarse_ranking, coarse_samples, rerank
 from tests.core.matching.clouds import cloud, embedded, random_embedding
 from tests.core.matching.reference import best_map_reference
 from tests.gallery import make_shape
@@ -38,8 +37,8 @@ def records(embeddings):
 
 
 @pytest.fixture(scope="module")
-def points(embeddings):
-    return [quantised_points(embedding) for embedding in embeddings]
+def samples(embeddings):
+    return np.stack([coarse_samples(embedding) for embedding in embeddings])
 
 
 def flat(searched):
@@ -67,93 +66,59 @@ def test_coordinates_that_say_nothing_new_add_nothing():
     assert not np.array_equal(three, four)
 
 
-def test_it_is_the_best_map_of_the_first_samples_with_flat_splines(records, points):
+B = len(DEFAULT.spectral.operators)
+COLUMNS = DEFAULT.spectral.dimensions * B
+
+
+def other_record(record, quantised, count):
+    """A match record with at most so many of some coarse samples in place of its points."""
+    points = dequantised(quantised, COLUMNS).astype(np.float32)[:count]
+    some = points[: DEFAULT.matching.search_samples]
+    return record._replace(
+        points=points,
+        searched=np.stack([block[:, :LAST].T for block in np.split(some, B, axis=1)]),
+        offsets=np.arange(len(points) + 1, dtype=np.int32),
+    )
+
+
+def test_a_reranking_is_the_best_map_with_flat_splines(records, samples):
     """Where rounding decides between two neighbours the two may part."""
-    rounds, differences = search_rounds(DEFAULT)._replace(kept_maps=1), []
+    rounds = search_rounds(DEFAULT)._replace(kept_maps=1, align_samples=KEPT_SAMPLES)
+    differences = []
     for first, second in product(range(len(records)), repeat=2):
-        other = decoded(records[second])
-        coordinates = decoded_points(points[second])[0]
-        samples = coordinates[: other.searched.shape[2]].T.reshape(
-            len(other.searched), -1, other.searched.shape[2]
-        )
-        searched = np.ascontiguousarray(samples[:, :LAST])
-        splines = np.stack([flat(one) for one in searched])
-        other = other._replace(
-            points=coordinates,
-            searched=searched,
-            operators=np.rint(splines * ONE).astype(np.int16),
-            warp=None,
-            radius=None,
-        )
+        other = other_record(decoded(records[second]), samples[second], KEPT_SAMPLES)
+        splines = np.stack([flat(one) for one in other.searched])
+        other = other._replace(operators=np.rint(splines * ONE).astype(np.int16))
         expected, _ = best_map_reference(decoded(records[first]), other, rounds)
-        (found,) = rerank(records[first], [points[second]], DEFAULT)
+        (found,) = rerank(records[first], samples[second : second + 1], DEFAULT)
         differences.append(abs(float(found) - expected))
     assert np.median(differences) < 1e-5
     assert np.mean(np.array(differences) < 1e-4) > 0.9
 
 
-def test_many_are_reranked_as_one_by_one(records, points):
-    found = rerank(records[0], points, DEFAULT)
+def test_many_are_reranked_as_one_by_one(records, samples):
+    found = rerank(records[0], samples, DEFAULT)
     assert found.dtype == np.float32
-    assert found.tolist() == [float(rerank(records[0], [one], DEFAULT)[0]) for one in points]
-    assert rerank(records[0], [], DEFAULT).shape == (0,)
-
-
-def with_number(data, place, number):
-    """Points with another int32 or float32 at a place of their bytes."""
-    return data[: 4 * place] + np.array([number]).tobytes() + data[4 * place + 4 :]
-
-
-B = len(DEFAULT.spectral.operators)
-COLUMNS = DEFAULT.spectral.dimensions * B
-
-
-def test_bytes_that_are_no_points_have_no_score(records, points):
-    sound = points[0]
-    broken = [
-        b"",
-        b"not",
-        b"nothing.",
-        bytes(100),
-        bytes(len(sound)),
-        sound[:-4],
-        sound[:-1],
-        sound + bytes(4),
-        with_number(sound, 0, np.int32(0)),
-        with_number(sound, 0, np.int32(-1)),
-        with_number(sound, 0, np.int32(2**31 - 1)),
-        *(with_number(sound, 1, np.int32(samples)) for samples in (0, -1, 501)),
-        with_number(sound, 2, np.int32(COLUMNS - 1)),
-        with_number(sound, 2, np.int32(-1)),
-        *(with_number(sound, 5, np.float32(value)) for value in (np.nan, np.inf, -np.inf, 3e38, -4e36)),
-        # The regions of two points.
-        with_number(sound, 3 + 2 * COLUMNS + 50 * COLUMNS + 7, np.int32(100)),
-    ]
-    alone = points[5]
-    broken += [
-        with_number(alone, 3 + 2 * COLUMNS + 70, np.float32(value)) for value in (np.nan, np.inf, 3e38)
-    ]
-    found = rerank(records[1], [sound, *broken, points[2]], DEFAULT)
-    assert np.isnan(found).tolist() == [False, *(True for _ in broken), False]
-    assert found[0] == rerank(records[1], [sound], DEFAULT)[0]
+    assert found.tolist() == [float(rerank(records[0], one[None], DEFAULT)[0]) for one in samples]
+    assert rerank(records[0], samples[:0], DEFAULT).shape == (0,)
 
 
 def dequantised(quantised, columns):
     """The points of coarse samples, float64, shape (count, columns)."""
     count = int(quantised[:4].view(np.int32)[0])
     scales = quantised[4 : 4 + 4 * columns].view(np.float32)
-    whole = quantised[4 + 4 * columns :].view(np.int8).reshape(COARSE_SAMPLES, columns)
+    whole = quantised[4 + 4 * columns :].view(np.int8).reshape(KEPT_SAMPLES, columns)
     assert not whole[count:].any()
     return whole[:count] * scales.astype(np.float64)
 
 
-@pytest.mark.parametrize(("m", "d"), [(100, 500), (COARSE_SAMPLES, 40), (12, 12)])
+@pytest.mark.parametrize(("m", "d"), [(100, 500), (KEPT_SAMPLES, 60), (12, 12)])
 @pytest.mark.parametrize("k", [1, 3, 10])
 def test_coarse_samples_hold_the_first_samples_to_a_127th_of_each_column(k, m, d):
     embedding = random_embedding(m, m, d, k)
     quantised = coarse_samples(embedding)
-    assert (quantised.dtype, quantised.shape) == (np.uint8, (4 + 36 * 2 * k,))
-    points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)[: min(m, COARSE_SAMPLES)]
+    assert (quantised.dtype, quantised.shape) == (np.uint8, (4 + (4 + KEPT_SAMPLES) * 2 * k,))
+    points = np.concatenate([one.coordinates for one in embedding.spectra], axis=1)[: min(m, KEPT_SAMPLES)]
     found = dequantised(quantised, 2 * k)
     assert found.shape == points.shape
     assert (np.abs(found - points) <= np.abs(points).max(axis=0) / 127 * 0.501).all()
@@ -174,13 +139,7 @@ def test_a_coarse_ranking_is_one_search_a_domain_refined_once(embeddings):
     )
     for i, j in permutations(range(len(records)), 2):
         (found,) = coarse_ranking(records[i], quantised[j : j + 1], DEFAULT)
-        points = dequantised(quantised[j], COLUMNS).astype(np.float32)
-        blocks = np.split(points, B, axis=1)
-        other = decoded(records[j])._replace(
-            points=points,
-            searched=np.stack([block[:, : DEFAULT.matching.search_dimensions].T for block in blocks]),
-            offsets=np.arange(len(points) + 1, dtype=np.int32),
-        )
+        other = other_record(decoded(records[j]), quantised[j], COARSE_SAMPLES)
         expected, _ = best_map_reference(decoded(records[i]), other, rounds)
         assert found == pytest.approx(expected, abs=1e-4)
 
@@ -197,14 +156,14 @@ def test_shapes_that_match_well_rank_well(embeddings):
     assert np.array_equal(np.argsort(rough), np.argsort(exact))
 
 
-def test_a_shape_without_samples_is_last(embeddings):
-    record = match_record(embeddings[0], DEFAULT)
-    nothing = np.zeros((1, len(coarse_samples(embeddings[0]))), dtype=np.uint8)
-    assert coarse_ranking(record, nothing, DEFAULT).tolist() == [-1.0]
-    assert coarse_ranking(record, nothing[:0], DEFAULT).shape == (0,)
+@pytest.mark.parametrize("approximate", [coarse_ranking, rerank])
+def test_a_shape_without_samples_is_last(records, samples, approximate):
+    nothing = np.zeros((1, samples.shape[1]), dtype=np.uint8)
+    assert approximate(records[0], nothing, DEFAULT).tolist() == [-1.0]
+    assert approximate(records[0], nothing[:0], DEFAULT).shape == (0,)
 
 
 def test_coarse_samples_of_the_paper_s_setting():
     embedding = Pipeline(PAPER).embed(make_shape("hand", 0))
     columns = PAPER.spectral.dimensions * len(PAPER.spectral.operators)
-    assert len(dequantised(coarse_samples(embedding), columns)) == COARSE_SAMPLES
+    assert len(dequantised(coarse_samples(embedding), columns)) == KEPT_SAMPLES

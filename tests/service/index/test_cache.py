@@ -17,7 +17,6 @@ from core.descriptors.registry import descriptors_of
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import Scores
 from core.matching.match_records import match_record, score_match_records
-from core.matching.quantised_points import quantised_points
 from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, coarse_differences, differences_of
@@ -87,7 +86,6 @@ def test_the_free_count_goes_by_the_values_that_are_there() -> None:
     cache.put(1, array(1, ABOUT // 8))
     assert cache.free_count() == 19
     assert EmbeddingCache(0).free_count() == 0
-    assert EmbeddingCache(300, len, 30).free_count() == 10
 
 
 def test_many_threads_at_once() -> None:
@@ -166,22 +164,6 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED
     wait_until(lambda: len(cache) == STORED, seconds=300)
-
-
-@pytest.mark.parametrize("running", [SHORT], indirect=True)
-def test_points_are_ready_where_queries_are_reranked(
-    running: Running, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with running.container.database.read() as session:
-        points = running.container.pipelines.current(session).points
-    wait_until(lambda: len(points) == STORED, seconds=300)
-    assert points.nbytes == sum(map(len, points.get(range(1000)).values()))
-    expected = answer(running)
-    with monkeypatch.context() as patch:
-        patch.setattr(caches, "points_in", None)
-        assert answer(running) == expected
-    points.resize(0)
-    assert answer(running) == expected
 
 
 @pytest.mark.parametrize("running", [PLAIN], indirect=True)
@@ -275,8 +257,8 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     rough = coarse_ranking(own, samples, DEFAULT).astype(np.float64)
     names = first(names, coarse_log_odds(names, rough) if by_log_odds else rough, 6)
-    points = [quantised_points(embeddings[name]) for name in names]
-    rough = rerank(own, points, DEFAULT).astype(np.float64)
+    samples = np.stack([coarse_samples(embeddings[name]) for name in names])
+    rough = rerank(own, samples, DEFAULT).astype(np.float64)
     if by_log_odds:
         half = first(names, coarse_log_odds(names, rough), 3)
         rough = rough[[names.index(name) for name in half]]

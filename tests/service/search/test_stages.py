@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from core.arrays import Float32s
+from core.arrays import Bytes, Float32s
 from core.descriptors.registry import ShapeDescriptors
 from core.evaluation.perturbation import cut_part
 from core.io import write_mesh
@@ -33,9 +33,9 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
     described: list[int] = []
     descriptors = CandidateReader.descriptors
 
-    def counted(record: Float32s, points: Sequence[bytes], parameters: Parameters) -> Float32s:
-        reranked.append(len(points))
-        return rerank(record, points, parameters)
+    def counted(record: Float32s, samples: Bytes, parameters: Parameters) -> Float32s:
+        reranked.append(len(samples))
+        return rerank(record, samples, parameters)
 
     def read_descriptors(reader: CandidateReader, numbers: Sequence[int]) -> dict[int, ShapeDescriptors]:
         described.extend(numbers)
