@@ -21,8 +21,8 @@ COARSE_SAMPLES = 32
 KEPT_SAMPLES = 48
 """Samples of each shape that are kept, and that a re-ranking reads.
 
-Of the ten shapes of greatest CC among 530 (psb, shrec11, tosca), 99.3 % are among the first thirty of a
-re-ranking; with 64 samples in 16 bits, 99.7 %.
+Of the three shapes of greatest CC among 1,025 (psb, shrec11, tosca, webmodels), 99.1 % are among the first 27
+of a re-ranking, and the first of them for each of 114 queries.
 """
 
 LARGEST = 127

@@ -42,9 +42,9 @@ from service.shapes.records import ShapeFilter
 
 log = get_logger("search")
 
-MATCH_BATCH, DESCRIPTOR_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 64, 256, 256
-"""Most embeddings that a thread matches, compares by descriptors or ranks coarsely at a time, and that a
-worker process matches."""
+MATCH_BATCH, DESCRIPTOR_BATCH, RERANK_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 64, 96, 256, 256
+"""Most embeddings that a thread matches, compares by descriptors, re-ranks or ranks coarsely at a time, and
+that a worker process matches."""
 
 LONGER = 4
 """Factor of these lengths for queries that run side by side: they keep the workers busy together."""
@@ -220,7 +220,7 @@ class Cascade:
         def match_samples(rows: Ints) -> Floats:
             return rerank(record, coarse_samples[rows], self.parameters)[None].astype(float)
 
-        (cc,) = await self.in_batches(match_samples, np.arange(len(candidates)), MATCH_BATCH)
+        (cc,) = await self.in_batches(match_samples, np.arange(len(candidates)), RERANK_BATCH)
         if not self.by_log_odds:
             return _best(candidates, cc, count)[0]
         if not is_part(self.query.spin_images):

@@ -33,7 +33,8 @@ KEPT_BYTES = 8 * 1024 * 1024
 HEAPS = 2
 """Heaps of all threads: Python lets one thread work at a time, and each heap keeps what it once needed."""
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # parameters of `mallopt` in the GNU C library (malloc.h)
+# Parameters of `mallopt` in the GNU C library (malloc.h).
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 
 
 def run(app: ASGIApp, bound: socket.socket, shutdown_seconds: int) -> None:
