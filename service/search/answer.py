@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
+from core.io import format_of
 from core.ranking.likeness import SAME_SIZE, Likeness, may_be_pose
 from core.ranking.shortlist import least, spectral_distances
 from core.registration.rigid_copy import may_be_copy
@@ -24,7 +25,7 @@ from service.errors import NotEmbeddedError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
-from service.search.caches import CandidateReader
+from service.search.caches import BatchReader, CandidateReader
 from service.search.likeness import relation_of, stored_mesh, stored_surface
 from service.search.neighbours import in_context
 from service.search.plates import possible_wholes_and_parts
@@ -67,7 +68,8 @@ NO_CONTEXT = "the order is that of combined: the neighbours of most candidates a
 
 Done = TypeVar("Done")
 
-MakeQuery = Callable[[ActivePipeline, Timings], Awaitable[Query]]
+SearchedFile = tuple[str, Callable[[], Awaitable[bytes]]]
+"""The name of a file, and the function that reads it."""
 
 
 async def with_active_pipeline(
@@ -95,8 +97,7 @@ async def with_active_pipeline(
 async def query_of_file(
     container: Container,
     collection: CollectionNumber,
-    data: bytes,
-    format: str,
+    file: SearchedFile,
     exclude_self: bool,
     active_pipeline: ActivePipeline,
     timings: Timings,
@@ -108,6 +109,9 @@ async def query_of_file(
     MeshError
         The file cannot be used; the subclass says why.
     """
+    name, read = file
+    format = format_of(name)
+    data = await read()
     embedded = await container.queue.embed(data, format, active_pipeline.pipeline)
     timings.milliseconds |= embedded.milliseconds
 
@@ -124,13 +128,13 @@ async def query_of_file(
     )
 
 
-async def query_of_shape(
+def query_of_shape(
+    session: ReadSession,
     container: Container,
     collection: CollectionNumber,
     shape_id: str,
     exclude_self: bool,
     active_pipeline: ActivePipeline,
-    timings: Timings,
 ) -> Query:
     """Read the embedding of a stored shape; with `exclude_self`, the shape itself is left out.
 
@@ -139,10 +143,7 @@ async def query_of_shape(
     ShapeNotFoundError, NotEmbeddedError
         The collection has no such shape, or no embedding of it.
     """
-    with timings.stage("read"):
-        stored = await container.database.reading(
-            file_repository.embedding_of, active_pipeline.fingerprint, collection, shape_id
-        )
+    stored = file_repository.embedding_of(session, active_pipeline.fingerprint, collection, shape_id)
     return Query(
         stored.record,
         once(partial(stored_mesh, container, collection, shape_id)),
@@ -155,35 +156,32 @@ async def query_of_shape(
 
 async def search(
     container: Container,
-    make_query: MakeQuery,
+    query: Query,
     options: SearchOptions,
     shapes: ShapeFilter,
     timings: Timings,
-    active_pipeline: ActivePipeline,
     *,
     advise: bool = True,
-    shared: CandidateReader | None = None,
+    batch: BatchReader | None = None,
 ) -> QueryAnswer:
     """Find the stored shapes most like the query, or those that it is a part of.
 
-    Stages: embed the query; find its candidates, or a shortlist of them; score the candidates; read the
-    results; tell the likeness of each. With `advise`, tell of another order whose first result has a better
+    Stages: find the candidates of the query, or a shortlist of them; score the candidates; read the results;
+    tell the likeness of each. With `advise`, tell of another order whose first result has a better
     likeness; and if the filter by size left nothing, of shapes larger or smaller by one of `FACTORS` (a unit
-    mistake). Queries side by side have a `shared` reader.
+    mistake). Queries of one `batch` share its reader.
 
     Raises
     ------
-    MeshError, ShapeNotFoundError, NotEmbeddedError
-        The query cannot be embedded, or is not stored.
     WorkerLostError
         There is too little memory, or a worker died.
     """
-    query = await make_query(active_pipeline, timings)
+    active_pipeline = query.active_pipeline
     options = options.model_copy(update={"rank_by": options.rank_by or container.settings.rank_by})
     rank_by: RankBy = "cc" if options.partial or options.rank_by is None else options.rank_by
-    reader = shared or CandidateReader(container, active_pipeline)
+    reader = batch or CandidateReader(container, active_pipeline)
     by_log_odds = rank_by in {"combined", "contextual"}
-    cascade = Cascade(container, query, reader, by_log_odds=by_log_odds, side_by_side=shared is not None)
+    cascade = Cascade(container, query, reader, by_log_odds=by_log_odds)
     sized = _sized(shapes, options, query.embedding.facts.area)
     with timings.stage("shortlist"):
         shortlist_from = _shortlist_from(container, options)
@@ -532,18 +530,13 @@ async def _unit_warnings(
     def count(session: ReadSession) -> dict[float, int]:
         return {factor: shapes_repository.count(session, shapes.scaled(factor)) for factor in FACTORS}
 
-    async def made(_: ActivePipeline, __: Timings) -> Query:
-        return query
-
     changes = {"top_k": 1, "rank_by": "cc", "scale": "ignore", "min_cc": None, "correspondences": False}
     options = options.model_copy(update={**changes, "partial": False})
     mistakes: list[tuple[float, int, Result]] = []
     for factor, number in (await container.database.reading(count)).items():
         if number:
             scaled = shapes.scaled(factor)
-            answer = await search(
-                container, made, options, scaled, Timings(), query.active_pipeline, advise=False
-            )
+            answer = await search(container, query, options, scaled, Timings(), advise=False)
             mistakes += [(factor, number, nearest) for nearest in answer.results]
     if not mistakes:
         return []

@@ -5,7 +5,7 @@ caches lack from it. The cache warmer fills the caches at the start, and as shap
 """
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from time import monotonic
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from starlette.concurrency import run_in_threadpool
 
-from core.arrays import Float32s, Ints
+from core.arrays import Float32s, Floats, Ints
 from core.descriptors.registry import ShapeDescriptors
 from core.errors import BadRecordError, CoreError
 from core.matching.match_records import match_record
@@ -100,6 +100,21 @@ class CandidateReader:
         described = self._descriptors.get(numbers)
         missing = [number for number in numbers if number not in described]
         return described | _described(self._descriptors, self.records(missing))
+
+
+class BatchReader(CandidateReader):
+    """Reads stored embeddings for the queries of a batch, which run side by side.
+
+    `numbers` are the embeddings of the queries that are stored. `pairs` has CC, SSD and sim of those of their
+    pairs that have been matched, the query first: they are the same whichever is the query.
+    """
+
+    def __init__(
+        self, container: Container, active_pipeline: ActivePipeline, numbers: Iterable[int] = ()
+    ) -> None:
+        super().__init__(container, active_pipeline)
+        self.numbers = frozenset(numbers)
+        self.pairs: dict[tuple[int, int], Floats] = {}
 
 
 def collection_sample(

@@ -1,6 +1,5 @@
 """The addresses /query, /families, /map, and /similar and /suggestions of a shape."""
 
-import asyncio
 from functools import partial
 from typing import Annotated
 
@@ -8,28 +7,22 @@ from fastapi import APIRouter, Depends, Query, Request, Response, UploadFile
 from pydantic import ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from core.errors import MeshError
-from core.io import format_of
-from service.collection import CollectionNumber
 from service.collections.endpoints import InCollection, NamedInAddress
-from service.compute.request_queue import together
-from service.container import Container, Service
-from service.errors import FileTimeLimitError
+from service.container import Service
 from service.http.middleware import while_connected
-from service.http.problem_document import Cause
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
 from service.http.request_bodies import RequestBody, once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.previews.endpoints import KNOWN, validated
 from service.search.answer import (
-    MakeQuery,
+    SearchedFile,
     query_of_file,
     query_of_shape,
     search,
     with_active_pipeline,
 )
-from service.search.caches import CandidateReader
+from service.search.batch import answer_files, answer_shapes
 from service.search.families import families_of
 from service.search.map import map_sheet, similarity_map_of
 from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
@@ -41,8 +34,8 @@ from service.shapes.schemas import SHAPE, Filters
 
 router = APIRouter(tags=["search"])
 
-BATCH, BATCH_AHEAD = 100, 1
-"""Queries of a batch, and those of one batch that are read and answered while each worker compares one."""
+BATCH = 100
+"""The most queries of a batch."""
 
 
 class QueryParameters(NamedInAddress, SearchOptions):
@@ -117,11 +110,22 @@ async def query(
     in_address = address.model_fields_set & SearchOptions.model_fields.keys() - body.model_fields_set
     options = body.model_copy(update={name: getattr(address, name) for name in in_address})
     shapes, timings, number = options.filtered(collection.number), Timings(), collection.number
-    searched = body.shape_id if isinstance(body, StoredQuery) else body.file
+
+    async def answer_one(active_pipeline: ActivePipeline) -> QueryAnswer:
+        if isinstance(body, StoredQuery):
+            exclude_self = options.exclude_self is not False
+            about = container, number, body.shape_id, exclude_self, active_pipeline
+            with timings.stage("read"):
+                asked = await container.database.reading(query_of_shape, *about)
+        else:
+            exclude_self = bool(options.exclude_self)
+            asked = await query_of_file(
+                container, number, _searched(body.file), exclude_self, active_pipeline, timings
+            )
+        return await search(container, asked, options, shapes, timings)
+
     async with container.queue.admitted(request):
-        make_query = await _query_of(container, number, searched, options)
-        work = partial(search, container, make_query, options, shapes, timings)
-        answer = await while_connected(request, with_active_pipeline(container, work))
+        answer = await while_connected(request, with_active_pipeline(container, answer_one))
     container.metrics.stages("query", timings.milliseconds)
     return answer
 
@@ -162,46 +166,23 @@ async def query_batch(
     The answers have no warnings about other orders and units. A file that cannot be used has its problem in
     the place of an answer. If there is no shape with one of the ids, the whole batch is refused.
     """
-    shapes, number = batch.filtered(collection.number), collection.number
-    free = asyncio.Semaphore(container.settings.workers + BATCH_AHEAD)
-
-    async def answer(
-        searched: UploadFile | str, active_pipeline: ActivePipeline, reader: CandidateReader
-    ) -> QueryAnswer | Cause:
-        async with free:
-            try:
-                make_query = await _query_of(container, number, searched, batch)
-                return await search(
-                    container,
-                    *(make_query, batch, shapes, Timings(), active_pipeline),
-                    advise=False,
-                    shared=reader,
-                )
-            except (MeshError, FileTimeLimitError) as error:
-                if isinstance(searched, str):
-                    raise
-                return Cause.of(error.kind, str(error))
-
-    async def answer_all(active_pipeline: ActivePipeline) -> BatchAnswer:
-        reader = CandidateReader(container, active_pipeline)
-        searched = batch.shape_ids if isinstance(batch, StoredBatch) else batch.file
-        return BatchAnswer(answers=await together(answer(each, active_pipeline, reader) for each in searched))
-
+    about = batch, batch.filtered(collection.number)
+    if isinstance(batch, FileBatch):
+        files = [_searched(file) for file in batch.file]
+        work = partial(answer_files, container, collection.number, files, *about)
+    else:
+        work = partial(answer_shapes, container, collection.number, batch.shape_ids, *about)
     async with container.queue.admitted(request):
-        return await while_connected(request, with_active_pipeline(container, answer_all))
+        return await while_connected(request, with_active_pipeline(container, work))
 
 
-async def _query_of(
-    container: Container, collection: CollectionNumber, searched: UploadFile | str, options: SearchOptions
-) -> MakeQuery:
-    """Return what makes the query of a file, or of a stored shape by its id; this is left out by default."""
-    if isinstance(searched, str):
-        return partial(query_of_shape, container, collection, searched, options.exclude_self is not False)
-    mesh_format = format_of(searched.filename or "")
-    # A batch is read again if the archive changes its pipeline meanwhile.
-    await searched.seek(0)
-    data = await searched.read()
-    return partial(query_of_file, container, collection, data, mesh_format, bool(options.exclude_self))
+def _searched(file: UploadFile) -> SearchedFile:
+    async def read() -> bytes:
+        # It is read again if the archive changes its pipeline meanwhile.
+        await file.seek(0)
+        return await file.read()
+
+    return file.filename or "", read
 
 
 class SuggestionsOptions(NamedInAddress):

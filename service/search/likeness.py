@@ -75,8 +75,13 @@ async def relation_of(
     deleted meanwhile. `probability` is their class probability.
     """
     copy, found, posed = None, None, False
+
+    def possible() -> bool:
+        return second is not None and may_be_copy(spectral, first.proportions, second.proportions)
+
     try:
-        if second is not None and may_be_copy(spectral, first.proportions, second.proportions):
+        # The records are decoded on a thread.
+        if second is not None and await run_in_threadpool(possible):
             copy = await find_copy(container, first, second, parameters)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)

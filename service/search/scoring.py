@@ -34,7 +34,7 @@ from service.container import Container
 from service.index.repository import IndexEntries
 from service.observability.logging import get_logger
 from service.observability.metrics import Timings
-from service.search.caches import CandidateReader, collection_sample
+from service.search.caches import BatchReader, CandidateReader, collection_sample
 from service.search.records import Candidates, MatchedCandidates, Query
 from service.search.signature_index import Wanted, signature_index
 from service.shapes import repository as shapes_repository
@@ -99,15 +99,13 @@ class Cascade:
     """The stages that score the candidates of one query.
 
     `by_log_odds` says whether log odds rank the answer. Otherwise approximate CC stands for cc, ssd and sim
-    in the stages before the full match. `side_by_side` says whether other queries of the same request run at
-    the same time.
+    in the stages before the full match.
     """
 
     container: Container
     query: Query
     reader: CandidateReader
     by_log_odds: bool = False
-    side_by_side: bool = False
 
     @property
     def parameters(self) -> Parameters:
@@ -142,12 +140,12 @@ class Cascade:
         `score` is a coroutine function, or runs on the threads of the service; it returns an array of shape
         (k, b) for b different numbers, at most `length`. All batches have the same length, but for the last,
         and there are about as many for each worker, so that the workers end together. If the query is
-        cancelled, or a batch fails, batches that have not begun are cancelled. A query side by side with
-        others has longer batches, two at a time.
+        cancelled, or a batch fails, batches that have not begun are cancelled. A query of several side by
+        side has longer batches, two at a time.
         """
         numbers, inverse = np.unique(rows, return_inverse=True)
         workers = self.container.settings.workers
-        if self.side_by_side:
+        if isinstance(self.reader, BatchReader):
             workers, length = 1, LONGER * length
         count = workers * max(1, math.ceil(len(numbers) / (workers * length)))
         length = max(1, math.ceil(len(numbers) / count))
@@ -243,8 +241,20 @@ class Cascade:
         numbers = embeddings.tolist()
         records, described = self.reader.match_records(numbers, descriptors=self.by_log_odds)
         present = [number for number in numbers if number in records]
-        matched = score_match_records(record, [records[number] for number in present], self.parameters)
+        matched = self._matched(record, {number: records[number] for number in present})
         return self._all_scores(candidates, numbers, present, matched, described)
+
+    def _matched(self, record: Float32s, records: dict[int, Float32s]) -> Scores:
+        """Match the query with c records, by number; a pair of two queries of a batch is matched once."""
+        reader, number = self.reader, self.query.number
+        if not isinstance(reader, BatchReader) or number is None:
+            return score_match_records(record, list(records.values()), self.parameters)
+        known = {other: reader.pairs[other, number] for other in records if (other, number) in reader.pairs}
+        missing = [other for other in records if other not in known]
+        matched = score_match_records(record, [records[other] for other in missing], self.parameters)
+        known |= dict(zip(missing, np.stack([matched.cc, matched.ssd, matched.sim], axis=1), strict=True))
+        reader.pairs.update({(number, other): known[other] for other in reader.numbers.intersection(missing)})
+        return Scores(*np.array([known[other] for other in records]).reshape(-1, 3).T)
 
     async def _match_in_worker(self, candidates: Candidates, embeddings: Ints) -> Floats:
         """Match c embeddings in a worker process, for pipelines without match records, as `_match` does."""

@@ -1,11 +1,16 @@
 """Queries with many stored shapes, or files, at once."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
 
+from core.arrays import Float32s
+from core.embedding import Scores
+from core.parameters import Parameters
 from service.client import Client, ClientError
 from service.http.problem_document import TYPE_PREFIX, Cause
+from service.search import scoring
 from service.search.schemas import QueryAnswer
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, small_file
@@ -35,6 +40,24 @@ def test_a_batch_answers_as_single_queries_do(service: Running) -> None:
         assert_problem(
             service.client.post("/query/batch", json={"shape_ids": wrong}), 422, "bad-request-fields"
         )
+
+
+def test_pairs_of_a_batch_are_matched_once(service: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    ids = [service.store(small_file(number))["id"] for number in range(5)]
+    matched: list[int] = []
+    score = scoring.score_match_records
+
+    def counted(query: Float32s, records: Sequence[Float32s], parameters: Parameters) -> Scores:
+        matched.append(len(records))
+        return score(query, records, parameters)
+
+    monkeypatch.setattr(scoring, "score_match_records", counted)
+    service.client.post("/query/batch", json={"shape_ids": ids}).raise_for_status()
+    # Queries side by side may match a pair twice: those of two workers, and one ahead.
+    assert 5 * 4 // 2 <= sum(matched) <= 5 * 4 - 3
+    matched.clear()
+    service.client.post("/query/batch", json={"shape_ids": ids[:1] * 5}).raise_for_status()
+    assert sum(matched) == 5 * 4
 
 
 def test_a_batch_of_files_answers_as_single_queries_do_and_names_the_unusable_ones(service: Running) -> None:
