@@ -27,6 +27,9 @@ from service.shapes.records import ShapeRecord
 from service.shapes.schemas import Shape, ShapeChanges, write_cursor
 from service.storage.database import ReadSession, WriteSession
 
+MERGED = 100
+"""Groups that one transaction merges by a rule."""
+
 
 class DecisionNotFoundError(MissingError, kind="decision-not-found"):
     """The collection has no decision with the id."""
@@ -165,7 +168,10 @@ async def apply_rule(
     decided_by: str | None,
     active_pipeline: ActivePipeline,
 ) -> Decided:
-    """Decide or merge all groups that meet a rule, in one transaction; a dry run counts them."""
+    """Decide all groups that meet a rule, in one act, or merge them; a dry run counts them.
+
+    A transaction merges `MERGED` groups. If one fails, the same rule goes on with the groups that are left.
+    """
     bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
     wanted = rule.filtered(collection)
@@ -179,13 +185,16 @@ async def apply_rule(
     if rule.dry_run or not groups:
         return Decided(id=None, groups=len(groups), pairs=pairs)
 
-    def apply(session: WriteSession) -> Decided:
-        if rule.action != "merge":
-            files = [[shape.sha256 for shape in group] for group in groups]
-            return _store(session, collection, files, rule.action, decided_by, rule.reason)
-        for group in groups:
+    if rule.action != "merge":
+        files = [[shape.sha256 for shape in group] for group in groups]
+        decided = files, rule.action, decided_by, rule.reason
+        return await container.database.writing(_store, collection, *decided)
+
+    def merge_some(session: WriteSession, some: Sequence[Sequence[Shape]]) -> None:
+        for group in some:
             ids = [shape.id for shape in group]
             merge(session, collection, ids, rule.keep, container.settings.undo_time)
-        return Decided(id=None, groups=len(groups), pairs=pairs)
 
-    return await container.database.writing(apply)
+    for start in range(0, len(groups), MERGED):
+        await container.database.writing(merge_some, groups[start : start + MERGED])
+    return Decided(id=None, groups=len(groups), pairs=pairs)

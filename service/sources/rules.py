@@ -7,6 +7,9 @@ from pathspec import GitIgnoreSpec
 ASTERISKS = 4
 """The most asterisks of a pattern. Each multiplies the time of a match by the length of the path."""
 
+PATTERNS = 1_000
+"""The most patterns of a folder. Each is matched with each path."""
+
 
 class Rules:
     """Rules of tags.
@@ -25,21 +28,40 @@ class Rules:
     def __init__(self, tags: Mapping[str, Sequence[str]]) -> None:
         self._rules = []
         for pattern, given in tags.items():
-            self._rules.append((_spec(pattern), given))
+            self._rules.append((_rule(pattern), given))
 
     def tags_of(self, path: str) -> list[str]:
         """Return the tags of a file by its path from the root of the source."""
         return [tag for spec, tags in self._rules if spec.match_file(path) for tag in tags]
 
 
-def _spec(pattern: str) -> GitIgnoreSpec:
-    try:
-        spec = GitIgnoreSpec.from_lines([pattern])
-    except ValueError as error:
-        raise ValueError(f"{pattern!r} is no pattern") from error
+def spec_of(patterns: Sequence[str]) -> GitIgnoreSpec:
+    """Return patterns in the syntax of .gitignore, together.
+
+    Raises
+    ------
+    ValueError
+        A pattern is none, or has too many asterisks, or there are too many; the message tells which.
+    """
+    if len(patterns) > PATTERNS:
+        raise ValueError(f"more than {PATTERNS} patterns")
+    for pattern in patterns:
+        try:
+            spec = GitIgnoreSpec.from_lines([pattern])
+        except ValueError as error:
+            raise ValueError(f"{pattern!r} is no pattern") from error
+        asterisks = sum(part == "**" or part.count("*") for part in pattern.split("/"))
+        # A comment matches nothing.
+        if spec.patterns[0].include is not None and asterisks > ASTERISKS:
+            raise ValueError(
+                f"{pattern!r} has more than {ASTERISKS} asterisks; ** between slashes counts as one"
+            )
+    return GitIgnoreSpec.from_lines(patterns)
+
+
+def _rule(pattern: str) -> GitIgnoreSpec:
+    spec = spec_of([pattern])
     # A comment or an exception selects nothing.
-    if not any(part.include for part in spec.patterns):
+    if not spec.patterns[0].include:
         raise ValueError(f"{pattern!r} selects no file")
-    if sum(part == "**" or part.count("*") for part in pattern.split("/")) > ASTERISKS:
-        raise ValueError(f"{pattern!r} has more than {ASTERISKS} asterisks; ** between slashes counts as one")
     return spec

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from pathspec import GitIgnoreSpec
-
 from core.io import FORMATS
+from service.sources.rules import spec_of
 from service.storage.in_place import open_beneath, open_folder
 
 IGNORE = ".isoshapeignore"
@@ -29,7 +28,7 @@ PATH_BYTES = 2_000
 
 
 class RootMissingError(Exception):
-    """The root is no folder that can be listed; the message gives the reason."""
+    """The root is no folder that can be listed, or its patterns are wrong; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,14 +132,17 @@ def signed(number: int) -> int:
 
 
 def _ignored(root: Path) -> Callable[[str], bool]:
-    """Read the patterns of the root; without any, nothing is left out."""
+    """Read the patterns of the root, or raise RootMissingError; without any, nothing is left out."""
     try:
         with open(open_beneath(root, IGNORE), "rb") as file:
             lines = file.read(IGNORE_BYTES).decode(errors="replace").splitlines()
     except FileNotFoundError:
         root.stat()
         return lambda _: False
-    return GitIgnoreSpec.from_lines(lines).match_file
+    try:
+        return spec_of([line for line in lines if line.strip()]).match_file
+    except ValueError as error:
+        raise RootMissingError(f"{root / IGNORE}: {error}") from error
 
 
 class _Walk:

@@ -9,6 +9,7 @@ import pytest
 from service.errors import FileTooLargeError
 from service.sources import reading
 from service.sources.reading import FileInMotionError, FileUnreadableError, read_file
+from service.sources.rules import PATTERNS
 from service.sources.walk import DEPTH, RootMissingError, Tree, find_files
 from service.sources.watching import file_system
 from service.storage.in_place import open_beneath
@@ -74,6 +75,24 @@ def test_patterns_and_hidden_names_are_left_out(root: Path) -> None:
     assert found(root) == {"a.off", "b.OFF", "old/e.off", "old/keep.off", "f.draft.off"}
     put(root / ".isoshapeignore", b"old/*\n!old/keep.off\n*.draft.off\n")
     assert found(root) == {"a.off", "b.OFF", "old/keep.off"}
+
+
+@pytest.mark.parametrize(
+    ("patterns", "cause"),
+    [
+        (b"old/\n*a*a*a*a*b\n", "asterisks"),
+        (b"!\n", "no pattern"),
+        (b"".join(b"%d/\n" % number for number in range(PATTERNS + 1)), "patterns"),
+    ],
+    ids=["slow", "none", "many"],
+)
+def test_wrong_patterns_leave_the_folder_unread(root: Path, patterns: bytes, cause: str) -> None:
+    put(root / "a.off", b"1")
+    put(root / ".isoshapeignore", b"# *****\n\n  \n*/**/a*.off\n")
+    assert found(root) == {"a.off"}
+    put(root / ".isoshapeignore", patterns)
+    with pytest.raises(RootMissingError, match=rf"\.isoshapeignore: .*{cause}"):
+        find_files(root)
 
 
 def test_what_cannot_be_listed_is_told_and_not_taken_for_gone(
