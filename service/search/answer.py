@@ -1,50 +1,51 @@
 """The search for the most similar stored shapes: a query in, its answer out."""
 
-import asyncio
 import math
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from operator import itemgetter
 from typing import TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import expit
 from starlette.concurrency import run_in_threadpool
 
 from core.io import format_of
-from core.ranking.likeness import SAME_SIZE, Likeness, may_be_pose
-from core.ranking.shortlist import least, spectral_distances
-from core.registration.rigid_copy import may_be_copy
+from core.ranking.likeness import Likeness
+from core.ranking.shortlist import least
 from service.collection import CollectionNumber
-from service.compute.request_queue import short_of_memory, together
-from service.compute.tasks import match_embeddings
+from service.compute.request_queue import short_of_memory
 from service.container import Container
 from service.errors import NotEmbeddedError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import BatchReader, CandidateReader
-from service.search.likeness import relation_of, stored_mesh, stored_surface
+from service.search.likeness import stored_mesh
 from service.search.neighbours import in_context
-from service.search.plates import possible_wholes_and_parts
-from service.search.records import MatchedCandidates, Query, Surface, may_be_part, once, proportions_of
+from service.search.records import MatchedCandidates, Query, once
+from service.search.results import (
+    BestResult,
+    all_likened,
+    correspondence_with,
+    misfit,
+    parts_of,
+    ranked,
+    read_results,
+)
 from service.search.schemas import (
-    Pair,
     QueryAnswer,
     RankBy,
     Result,
     SearchOptions,
     likeness_in_words,
-    pairs,
     score_in_words,
 )
 from service.search.scoring import Cascade, class_log_odds, coarse_log_odds, find_candidates, nearest_wholes
 from service.shapes import file_repository
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter, sha256
-from service.shapes.schemas import EmbeddingArrays, MeasuredMesh, Shape, warnings_of
+from service.shapes.schemas import EmbeddingArrays, MeasuredMesh, warnings_of
 from service.storage.database import ReadSession
 
 UNITS = (10.0, 25.4, 1000.0)
@@ -53,12 +54,8 @@ UNITS = (10.0, 25.4, 1000.0)
 FACTORS = (*UNITS, *(1.0 / factor for factor in UNITS))
 """Factors between the sizes of files whose units are mistaken."""
 
-CERTAIN, REGISTERED = 0.99, 8
-"""Value of `combined` above which it orders no results, and the number of further results that are registered
-with the query, if they may be copies, to find the best of these."""
-
-AT_ONCE = 3
-"""Results of a query whose likeness is told at the same time."""
+REGISTERED = 8
+"""Further results that are registered with the query, if they may be copies, to find the best of these."""
 
 PARTIAL_FACTOR = 2.5
 """Factor of the number of candidates from which a partial query compares a shortlist: this may miss the whole
@@ -208,7 +205,7 @@ async def search(
             best = best[matched.cc[best] >= options.min_cc]
         with short_of_memory():
             best_results = await run_in_threadpool(
-                _read_results,
+                read_results,
                 cascade,
                 matched.only(best[: options.top_k + by_log_odds * REGISTERED]),
                 shapes.collection,
@@ -216,7 +213,7 @@ async def search(
                 every_record=options.correspondences,
             )
     with timings.stage("likeness"):
-        shown = await _all_likened(
+        shown = await all_likened(
             container,
             query,
             [
@@ -226,7 +223,7 @@ async def search(
             ],
         )
         if by_log_odds:
-            shown.sort(key=_misfit)
+            shown.sort(key=misfit)
         results = [
             each.result.model_copy(update={"rank": rank})
             for rank, each in enumerate(shown[: options.top_k], start=1)
@@ -234,13 +231,13 @@ async def search(
         if advise and results and not options.partial:
             told = {each.number: result for each, result in zip(shown, results, strict=False)}
             warnings += await _order_warnings(cascade, matched.only(best), rank_by, told, shapes.collection)
-    pieces: list[_BestResult] = []
+    pieces: list[BestResult] = []
     if advise and not options.partial:
         with timings.stage("instances"):
             others = replace(
                 query, excluded=query.excluded | {each.number for each in shown[: options.top_k]}
             )
-            pieces = await _parts(replace(cascade, query=others), shapes, options)
+            pieces = await parts_of(replace(cascade, query=others), shapes, options)
     parts = [
         each.result.model_copy(update={"rank": rank})
         for rank, each in enumerate(pieces, start=1 + len(results))
@@ -248,7 +245,7 @@ async def search(
     if options.correspondences:
         with timings.stage("results"):
             for result, each in zip([*results, *parts], [*shown[: options.top_k], *pieces], strict=True):
-                result.correspondence = await _correspondence(container, query, each.surface)
+                result.correspondence = await correspondence_with(container, query, each.surface)
     compared = len(matched.cc) if part_distances is None else len(part_distances)
     if advise and sized.has_sizes and not compared:
         with timings.stage("units"):
@@ -269,22 +266,6 @@ async def search(
     )
 
 
-def ranked(matched: MatchedCandidates, by: RankBy) -> NDArray[np.intp]:
-    """Return indices of matched candidates, the most similar first; ties by ascending SSD, then by number.
-
-    Near copies, such as two scans of one part, can have the CC and sim of the shape itself, but another SSD.
-    """
-    score = {
-        "cc": matched.cc,
-        "ssd": -matched.ssd,
-        "sim": matched.sim,
-        "combined": matched.log_odds,
-        "contextual": matched.contextual,
-    }[by]
-    assert score is not None
-    return np.lexsort((matched.candidates.entries.shapes, matched.ssd, -score))
-
-
 def _shortlist_from(container: Container, options: SearchOptions) -> int | None:
     """Return the number of shapes from which a query compares a shortlist; None if it compares all."""
     if options.exhaustive:
@@ -301,162 +282,6 @@ def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFil
     if shapes.area is not None:
         least, greatest = max(least, shapes.area[0]), min(greatest, shapes.area[1])
     return replace(shapes, area=(least, greatest))
-
-
-@dataclass(frozen=True, eq=False)
-class _BestResult:
-    """A result before its likeness is told, and what tells it.
-
-    `surface` is None unless its record was read: for correspondences, or since the shape may be a rigid copy
-    (`may_be_copy`) or a pose, or one of the two a part of the other. `spectral` is the distance of the log
-    eigenvalues of the shape from those of the query, and `number` that of the shape.
-    """
-
-    number: int
-    result: Result
-    surface: Surface | None
-    spectral: float
-    may_be_copy: bool
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether `combined` is so near to 1 that it orders nothing."""
-        return self.result.combined > CERTAIN
-
-
-def _misfit(best: _BestResult) -> tuple[float, ...]:
-    """Return what orders results: certain copies come first, then certain variants, then others.
-
-    Copies are sorted by size, the nearest first, with mirror images last; variants by whether they have as
-    many holes, by size, and by the distance of the difference. Results that compare equal keep their order.
-    """
-    result = best.result
-    if not best.is_certain or result.scale is None:
-        return (2.0,)
-    growth = abs(math.log(result.scale))
-    if (difference := result.difference) is None:
-        # A scale is right to about 1e-4.
-        return (0.0, round(growth, 3), float(result.likeness == "mirrored"))
-    holes = difference.through_holes
-    resized = max(0.0, growth - math.log1p(SAME_SIZE))
-    return (1.0, float(holes is not None and holes[0] != holes[1]), resized, difference.distance)
-
-
-def _read_results(
-    cascade: Cascade,
-    best: MatchedCandidates,
-    collection: CollectionNumber,
-    part_distances: Mapping[int, float],
-    *,
-    every_record: bool,
-) -> list[_BestResult]:
-    """Return the best candidates as they are shown, without one that was deleted a moment ago.
-
-    The embedding is read of a result that may be a copy, a pose, a whole or a part, and of all with
-    `every_record`.
-    """
-    container, query, reader = cascade.container, cascade.query, cascade.reader
-    entries = best.candidates.entries
-    numbers = entries.embeddings.tolist()
-    spectral = spectral_distances(query.embedding.signature, entries.signatures).tolist()
-    described = reader.descriptors(numbers)
-    log_odds = best.log_odds
-    if log_odds is None:
-        log_odds = class_log_odds(query, best.candidates, numbers, described, best.cc, best.sim)
-    with container.database.read() as session:
-        records = shapes_repository.records(session, collection, entries.shapes.tolist())
-    shapes = {shape.number: shape for shape in records}
-    present = [(i, shapes[number]) for i, number in enumerate(entries.shapes.tolist()) if number in shapes]
-    copies = {
-        i for i, shape in present if may_be_copy(spectral[i], query.proportions, proportions_of(shape.facts))
-    }
-    embeddings = reader.records(
-        [
-            numbers[i]
-            for i, shape in present
-            if every_record
-            or i in copies
-            or may_be_pose(spectral[i], float(best.cc[i]))
-            or may_be_part(query.embedding.facts, shape.facts)
-        ]
-    )
-    return [
-        _BestResult(
-            shape.number,
-            Result(
-                rank=rank,
-                cc=float(best.cc[i]),
-                ssd=float(best.ssd[i]),
-                sim=float(best.sim[i]),
-                combined=float(expit(log_odds[i])),
-                likeness="weak",
-                part_distance=part_distances.get(shape.number),
-                size_ratio=float((shape.facts["area"] / query.embedding.facts.area) ** 0.5),
-                shape=Shape.of(shape),
-            ),
-            stored_surface(container, collection, shape.id, embeddings[numbers[i]])
-            if numbers[i] in embeddings
-            else None,
-            spectral[i],
-            i in copies,
-        )
-        for rank, (i, shape) in enumerate(present, start=1)
-    ]
-
-
-async def _correspondence(container: Container, query: Query, surface: Surface | None) -> list[Pair] | None:
-    """Match the query with a result; None if the embedding of the result was deleted meanwhile."""
-    if surface is None:
-        return None
-    parameters = query.active_pipeline.pipeline.parameters
-    match = await container.queue.compare(match_embeddings, query.record, surface.record, parameters)
-    return pairs(match, query.embedding, surface.embedding)
-
-
-async def _likened(container: Container, query: Query, best: _BestResult) -> _BestResult:
-    """Return a result with its likeness to the query, and its size relative to that of the query."""
-    relation = await relation_of(
-        container,
-        query,
-        best.surface,
-        query.active_pipeline.pipeline.parameters,
-        spectral=best.spectral,
-        cc=best.result.cc,
-        probability=best.result.combined,
-    )
-    size_ratio = relation["scale"] or best.result.size_ratio
-    return replace(best, result=best.result.model_copy(update={**relation, "size_ratio": size_ratio}))
-
-
-async def _all_likened(container: Container, query: Query, best: list[_BestResult]) -> list[_BestResult]:
-    """Return results with their likeness to the query, `AT_ONCE` at a time, in their order."""
-    turns = asyncio.Semaphore(AT_ONCE)
-
-    async def in_turn(each: _BestResult) -> _BestResult:
-        async with turns:
-            return await _likened(container, query, each)
-
-    return await together(in_turn(each) for each in best)
-
-
-async def _parts(cascade: Cascade, shapes: ShapeFilter, options: SearchOptions) -> list[_BestResult]:
-    """Return shapes that have the query as a piece, or are pieces of it: more instances first, then older."""
-    container, query = cascade.container, cascade.query
-    candidates = await run_in_threadpool(possible_wholes_and_parts, container, query, shapes, options.top_k)
-    if candidates is None:
-        return []
-    matched = await cascade.score(candidates, options.top_k)
-    with short_of_memory():
-        read = await run_in_threadpool(
-            _read_results, cascade, matched, shapes.collection, {}, every_record=True
-        )
-    found = [each for each in await _all_likened(container, query, read) if each.result.instances is not None]
-    return sorted(found, key=lambda each: (-_instances(each.result), each.number))
-
-
-def _instances(result: Result) -> int:
-    """Return the number of instances of either hand."""
-    return 0 if result.instances is None else result.instances.count + result.instances.mirrored
 
 
 ORDERS: tuple[RankBy, ...] = ("combined", "cc", "sim", "ssd")
@@ -486,8 +311,8 @@ async def _order_warnings(
     unread = sorted({index for index in firsts.values() if numbers[index] not in results})
     chosen = matched.only(np.array(unread, dtype=np.intp))
     with short_of_memory():
-        others = await run_in_threadpool(_read_results, cascade, chosen, collection, {}, every_record=False)
-    likened = await _all_likened(cascade.container, cascade.query, others)
+        others = await run_in_threadpool(read_results, cascade, chosen, collection, {}, every_record=False)
+    likened = await all_likened(cascade.container, cascade.query, others)
     told = {**results, **{other.number: other.result for other in likened}}
     graded = [
         (grades.index(told[numbers[index]].likeness), order, told[numbers[index]])

@@ -14,10 +14,10 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from core.ranking.likeness import SIMILAR
 from service.errors import WorkerLostError
-from service.search import answer as search_answer
 from service.search import likeness
-from service.search.answer import AT_ONCE, CERTAIN
+from service.search import results as search_results
 from service.search.records import once
+from service.search.results import AT_ONCE, CERTAIN
 from tests.gallery import make_body
 from tests.service.support import Running, query
 from tests.studies.copies import moved, simplified
@@ -76,7 +76,7 @@ def test_each_result_says_by_what_it_is_alike(found: dict[str, dict[str, Any]]) 
 def test_results_are_registered_some_at_a_time(
     stocked: Running, found: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    relation_of = search_answer.relation_of
+    relation_of = search_results.relation_of
     now, most = 0, 0
 
     async def counted(*surfaces: Any, **scores: float) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def test_results_are_registered_some_at_a_time(
         finally:
             now -= 1
 
-    monkeypatch.setattr(search_answer, "relation_of", counted)
+    monkeypatch.setattr(search_results, "relation_of", counted)
     again = by_name(query(stocked.client, file_of(octopus()), top_k="9"))
     assert most == AT_ONCE < len(stored())
     assert again == found

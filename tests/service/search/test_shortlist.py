@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from core.descriptors.views import signature_distance
 from core.ranking.shortlist import signature_distances
 from service.index.repository import IndexEntries
-from service.search.answer import ranked
 from service.search.records import Candidates, MatchedCandidates
+from service.search.results import ranked
 from service.search.schemas import RankBy
 from tests.service.engines import on_both
 from tests.service.support import Running, query, serving, settings_in, small_file
