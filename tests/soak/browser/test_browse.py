@@ -138,6 +138,29 @@ def test_a_deleted_shape_is_restored(visit: Visit, service: Running) -> None:
     ]
 
 
+def test_a_deletion_for_good_is_confirmed_and_offers_no_undo(browser: Browser, tmp_path: Path) -> None:
+    """By a service that keeps no deleted shapes."""
+    with serving(settings_in(tmp_path, workers=1, undo_days=0)) as running:
+        for number in (1, 2):
+            running.store(made("fish", number), f"fish-{number}.ply")
+        with visiting(browser, running) as visit:
+            page = visit.open("browse")
+            # The picture of a shape that is deleted meanwhile is not found.
+            page.wait_for_load_state("networkidle")
+            listed = page.locator("#gallery .name")
+            choose(page, "fish-1.ply", "Delete")
+            page.locator("#deletion").wait_for()
+            page.keyboard.press("Escape")
+            expect(listed).to_have_count(2)
+            choose(page, "fish-1.ply", "Delete")
+            page.locator("#deletion").get_by_role("button", name="Delete").click()
+            expect(listed).to_have_text(["fish-2.ply"])
+            expect(page.get_by_role("button", name="Undo")).to_have_count(0)
+            expect(page.locator("#deleted")).to_be_hidden()
+        assert running.client.get("/deleted").json()["total"] == 0
+        assert [shape["name"] for shape in stored(running)] == ["fish-2.ply"]
+
+
 def test_the_page_names_shapes_that_cannot_be_restored(visit: Visit, service: Running) -> None:
     visit.expected = ["409"]
     page = visit.open("browse")
