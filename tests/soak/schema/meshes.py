@@ -48,7 +48,9 @@ def narrow(document: dict[str, Any]) -> None:
             content = operation.get("requestBody", {}).get("content", {})
             properties = content.get("multipart/form-data", {}).get("schema", {}).get("properties", {})
             if "file" in properties:
-                properties["file"]["format"] = ARCHIVE if path == "/jobs" else MESH
+                # Of a batch, each item is a mesh.
+                file = properties["file"].get("items", properties["file"])
+                file["format"] = ARCHIVE if path == "/jobs" else MESH
             for parameter in operation.get("parameters", []):
                 if parameter["name"] == "cursor":
                     parameter["schema"] = {"type": "string", "format": CURSOR}
