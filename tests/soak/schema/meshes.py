@@ -48,8 +48,10 @@ def narrow(document: dict[str, Any]) -> None:
             content = operation.get("requestBody", {}).get("content", {})
             properties = content.get("multipart/form-data", {}).get("schema", {}).get("properties", {})
             if "file" in properties:
-                # Of a batch, each item is a mesh.
-                file = properties["file"].get("items", properties["file"])
+                file = properties["file"]
+                if "items" in file:
+                    # A few meshes are a batch.
+                    file["maxItems"], file = 3, file["items"]
                 file["format"] = ARCHIVE if path == "/jobs" else MESH
             for parameter in operation.get("parameters", []):
                 if parameter["name"] == "cursor":
