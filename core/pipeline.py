@@ -29,7 +29,8 @@ PREPARED_BYTES = 128 * 1024 * 1024
 
 
 MAPS = 4
-"""The most maps of samples of one orientation that a dense correspondence begins from."""
+"""The most maps of samples of one orientation that a dense correspondence begins from; half as many are added
+that only the symmetries of the second shape show."""
 
 
 def _orientations(first: Embedding, second: Embedding) -> tuple[Int8s, Int8s] | None:
@@ -109,8 +110,8 @@ class Pipeline:
         """Compute correspondences of samples that fit about equally well, of each orientation best first.
 
         Each has pairs (sample of the first shape, sample of the second), shape (p, 2); a sample may be in
-        several. At most `MAPS` preserve orientation. The second list tells which reverse it; it is None if an
-        embedding has no orientation.
+        several. At most one and a half `MAPS` preserve orientation. The second list tells which reverse it;
+        it is None if an embedding has no orientation.
         """
         orientations = _orientations(first, second)
         if orientations is None:
