@@ -19,27 +19,23 @@ from core.arrays import Floats
 from core.descriptors.registry import descriptors_of
 from core.embedding import Embedding, Scores
 from core.ranking.differences import PairDifferences, differences_of
-from core.ranking.local_density import LocalDensities
+from core.ranking.local_density import TYPICAL_NETWORK, TYPICAL_SPECTRAL, TYPICAL_VIEW, LocalDensities
 
-GATE = 0.05
-"""Spectral distance (root mean square difference of log eigenvalues) at which other differences count half.
-Below it the surfaces are nearly isometric: poses of one body differ in the map that matching finds, in their
-hull and in their views, and not in their eigenvalues."""
+GATE, STEEPNESS = 0.05, 6
+"""Distance of eigenvalues at which other differences and densities count half, and the power by which they
+fade below it. There the surfaces are nearly isometric: poses of one body differ in the map that matching
+finds, in their hull and in their views, and not in their eigenvalues."""
 
 FLOORS = (0.01, 0.05, 0.1, 0.05, 0.05)
 """Added before logarithms of 1 - CC, 1 - sim, and of the differences of global descriptors, spin images and
 views. Smaller differences occur between meshes of one shape."""
 
 FINEST, FINE = 0.002, 0.05
-"""The eigenvalues of nearly isometric surfaces tell individuals apart down to the spectral distance `FINEST`;
-beyond `FINE` the other features do."""
+"""The eigenvalues of nearly isometric surfaces tell individuals apart down to the distance `FINEST`; beyond
+`FINE` the other features do."""
 
 BONUS = 2.0
 """Weight of the logarithm of their ratio in the log odds."""
-
-AGREED = 0.02
-"""Spectral distance at which all `core.spectral.spectral_embedding.SPECTRUM` eigenvalues count as much as the
-first: where a pose stretches the surface, the first differ by more, and the fine end is noise."""
 
 NETWORK_FLOOR = 0.05
 """Added to a distance between views that a network sees, before its logarithm."""
@@ -82,15 +78,15 @@ class Calibration:
 
 
 CALIBRATED_PLAIN_POOL = Calibration(
-    intercept=3.7107,
+    intercept=-9.0745,
     slopes=(
-        *(-1.8122, -1.9098, -0.8078, -0.8863, -7.4822, -5.1096),
-        *(1.6455, 0.0179, 0.5102, 0.8456, -5.6294, 11.4944),
-        *(12.4651, 5.4817),
+        *(-1.9272, -1.8858, -0.8497, -0.9560, -6.5274, 3.7635),
+        *(1.6714, -0.3493, 0.5499, 1.0614, -6.7954, 10.5267),
+        *(12.6123, 4.7860),
     ),
 )
 CALIBRATED_PLAIN_PARTS = Calibration(
-    intercept=-0.1794,
+    intercept=-5.9559,
     slopes=(
         *(-3.1833, -0.5886, -6.0314, -0.5023, -1.5061, -5.8242),
         *(0.5190, -2.5064, 3.0385, 0.0211, 1.5903, 0.3745),
@@ -98,18 +94,18 @@ CALIBRATED_PLAIN_PARTS = Calibration(
     ),
 )
 CALIBRATED_POOL = Calibration(
-    intercept=3.4311,
+    intercept=-12.3763,
     slopes=(
-        *(-1.6546, -1.4728, -0.7729, -0.2486, -1.8949, -4.6497),
-        *(1.5177, -0.4246, 0.5114, 0.1618, -8.6053, 7.0729),
-        *(11.4475, 5.1396, -7.8043, 4.2229, 6.1533, -4.0359),
+        *(-1.7262, -1.5510, -0.7873, -0.3548, -1.0348, 5.7355),
+        *(1.4575, -0.7059, 0.5111, 0.4277, -9.6545, 5.9471),
+        *(11.7736, 4.3266, -7.8269, 4.2603, 6.4550, -4.5334),
     ),
 )
 CALIBRATED_PARTS = Calibration(
-    intercept=9.9978,
+    intercept=-12.6606,
     slopes=(
         *(-3.7027, -0.1890, -5.4052, -0.4588, -0.2759, -0.7924),
-        *(0.6772, -15.9185, 3.8409, -0.6764, 2.3635, 0.5276),
+        *(0.6772, 2.4465, 3.8409, -0.6764, 2.3635, 0.5276),
         *(1.0771, -6.4377, -1.5110, 9.1534, -11.4125, 5.8323),
         *(25.2300, -22.9992),
     ),
@@ -125,29 +121,31 @@ PART_FEATURES, NETWORK_FEATURES = 16, 4
 def features(differences: PairDifferences, *, network: bool = False) -> Floats:
     """Compute features of the pairs, shape (..., 14) or (..., 18), linear in the log odds of both experts.
 
-    With R the reliability and the weight w = 1 - R GATE^3 / (s^3 + GATE^3) of the spectral distance s, the
-    first five are log(w d + floor) of each difference d of `FLOORS`. Then follow 1 - R, its products with the
-    first five, and the logarithms of the densities, by views for both kinds of shapes and by eigenvalues for
-    reliable ones. With `network` follow those of the views that a network sees.
+    With R the reliability and the weight w = 1 - R GATE^6 / (x^6 + GATE^6) of the distance x of eigenvalues,
+    the first five are log(w d + floor) of each difference d of `FLOORS`. Then follow 1 - R, its products with
+    the first five, and the logarithms of the densities times w, by views for both kinds of shapes and by
+    eigenvalues for reliable ones. With `network` follow those of the views that a network sees.
     """
-    s, reliability = differences.spectral, differences.reliability
-    weight = 1.0 - reliability * GATE**3 / (s**3 + GATE**3)
+    reliability, gate = differences.reliability, GATE**STEEPNESS
+    weight = 1.0 - reliability * gate / (_eigenvalue_distance(differences) ** STEEPNESS + gate)
     logs = _logs(differences, weight)
     soup = 1.0 - reliability
-    views = _log_view_density(differences)
-    spectral = np.log(np.maximum(differences.spectral_density, LEAST_SPECTRAL_DENSITY) + SPECTRAL_FLOOR)
+    views = weight * _log_view_density(differences)
+    density = np.maximum(differences.spectral_density, LEAST_SPECTRAL_DENSITY)
+    spectral = weight * np.log((density + SPECTRAL_FLOOR) / (TYPICAL_SPECTRAL + SPECTRAL_FLOOR))
     densities = [reliability * views, soup * views, reliability * spectral]
     seen = _network_features(differences, weight) if network else []
     return np.stack([*logs, soup, *(soup * each for each in logs), *densities, *seen], axis=-1)
 
 
 def _network_features(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
-    """Return log(weight d + floor) of the distance d that a network sees, and the logarithm of its density.
+    """Return log(weight d + floor) of the distance d that a network sees, and the log density times weight.
 
     Each is followed by its product with 1 - R.
     """
     seen = np.log(weight * differences.distances["network_views"] + NETWORK_FLOOR)
-    density = np.log(np.maximum(differences.network_density, LEAST_NETWORK_DENSITY))
+    density = np.maximum(differences.network_density, LEAST_NETWORK_DENSITY)
+    density = weight * np.log(density / TYPICAL_NETWORK)
     soup = 1.0 - differences.reliability
     return [seen, soup * seen, density, soup * density]
 
@@ -171,7 +169,13 @@ def part_features(differences: PairDifferences, *, network: bool = False) -> Flo
 
 
 def _log_view_density(differences: PairDifferences) -> Floats:
-    return np.asarray(np.log(np.maximum(differences.view_density, LEAST_VIEW_DENSITY)))
+    return np.asarray(np.log(np.maximum(differences.view_density, LEAST_VIEW_DENSITY) / TYPICAL_VIEW))
+
+
+def _eigenvalue_distance(differences: PairDifferences) -> Floats:
+    """Return the distance of many eigenvalues, shape (...), or of those of signatures where these lack."""
+    many = differences.distances["eigenvalues"]
+    return np.where(np.isnan(many), differences.spectral, many)
 
 
 def _logs(differences: PairDifferences, weight: Floats | float) -> list[Floats]:
@@ -190,13 +194,11 @@ def isometry_bonus(differences: PairDifferences) -> Floats:
     """Return the bonus to the log odds of nearly isometric surfaces, shape (...): 0 to 6.5, not fitted.
 
     The nearer the eigenvalues, the larger the bonus. Collections of classes cannot show it, since all nearly
-    isometric surfaces are of one class there. The fine end of the spectrum counts as far as the coarse end
-    agrees; without it, the coarse end alone.
+    isometric surfaces are of one class there.
     """
-    s, many = differences.spectral, differences.distances["eigenvalues"]
-    agreement = AGREED**2 / (AGREED**2 + s**2)
-    distance = s + agreement * np.where(np.isnan(many), 0.0, many - s)
-    return np.asarray(-BONUS * differences.reliability * np.log((distance + FINEST) / (distance + FINE)))
+    distance = _eigenvalue_distance(differences)
+    ratio = (distance + FINEST) / (distance + FINE)
+    return np.asarray(-BONUS * differences.reliability * np.log(ratio))
 
 
 def pooled_log_odds(differences: PairDifferences) -> Floats:

@@ -102,9 +102,6 @@ def differences_of(
 VIEW_SCALE = 1.0 / 1900.0
 """View distance over the distance of view signatures, the mean of pairs of many kinds."""
 
-EIGENVALUE_SCALE = 0.7
-"""Distance of many eigenvalues over the spectral distance, typical of near shapes."""
-
 TYPICAL_SIM = 0.5
 """The typical sim of shapes that are near by eigenvalues or views."""
 
@@ -142,7 +139,7 @@ def coarse_differences(
     spectral = spectral_distances(query.signatures[0], others.signatures)
     distances = {name: np.full(count, descriptor.typical) for name, descriptor in DESCRIPTORS.items()}
     distances["views"] = VIEW_SCALE * views.astype(np.float64)
-    distances["eigenvalues"] = EIGENVALUE_SCALE * spectral
+    distances["eigenvalues"] = spectral
     distances["network_views"] = np.full(count, np.nan)
     return PairDifferences(
         cc=1.0 - np.minimum(LEAST_DISSIMILARITY + SLOPE * spectral, 1.0) if cc is None else cc,

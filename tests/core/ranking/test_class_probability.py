@@ -23,6 +23,7 @@ from core.ranking.class_probability import (
     pooled_probability,
 )
 from core.ranking.differences import PairDifferences
+from core.ranking.local_density import TYPICAL_NETWORK, TYPICAL_SPECTRAL, TYPICAL_VIEW
 from tests.gallery import make_shape
 
 DIFFERENCES = ("global_distance", "spin_images", "views")
@@ -53,8 +54,8 @@ def differences(count: int = 1, **given: object) -> PairDifferences:
 
 def plain_features(pair: PairDifferences, *, network: bool = False) -> list[float]:
     """`features` of one pair, a number at a time."""
-    s, r = pair.spectral[0], pair.reliability[0]
-    w = 1 - r * 0.05**3 / (s**3 + 0.05**3)
+    x, r = pair.distances["eigenvalues"][0], pair.reliability[0]
+    w = 1 - r * 0.05**6 / (x**6 + 0.05**6)
     logs = [
         np.log(w * (1 - pair.cc[0]) + 0.01),
         np.log(w * (1 - pair.sim[0]) + 0.05),
@@ -63,20 +64,20 @@ def plain_features(pair: PairDifferences, *, network: bool = False) -> list[floa
         np.log(w * pair.distances["views"][0] + 0.05),
     ]
     soup = [(1 - r) * value for value in logs]
-    dense = np.log(max(pair.view_density[0], 0.6))
-    near = np.log(max(pair.spectral_density[0], 0.02) + 0.03)
+    dense = w * np.log(max(pair.view_density[0], 0.6) / TYPICAL_VIEW)
+    near = w * np.log((max(pair.spectral_density[0], 0.02) + 0.03) / (TYPICAL_SPECTRAL + 0.03))
     told = [*logs, 1 - r, *soup, r * dense, (1 - r) * dense, r * near]
     if network:
         seen = np.log(w * pair.distances["network_views"][0] + 0.05)
-        among = np.log(max(pair.network_density[0], 0.05))
+        among = w * np.log(max(pair.network_density[0], 0.05) / TYPICAL_NETWORK)
         told += [seen, (1 - r) * seen, among, (1 - r) * among]
     return told
 
 
 @pytest.mark.parametrize("reliability", [0.01, 0.4, 1.0])
-@pytest.mark.parametrize("spectral", [0.0, 0.05, 0.4])
-def test_the_features_are_those_of_the_formula(reliability: float, spectral: float) -> None:
-    pair = differences(reliability=np.array([reliability]), spectral=np.array([spectral]))
+@pytest.mark.parametrize("eigenvalues", [0.0, 0.05, 0.4])
+def test_the_features_are_those_of_the_formula(reliability: float, eigenvalues: float) -> None:
+    pair = differences(reliability=np.array([reliability]), eigenvalues=np.array([eigenvalues]))
     assert features(pair)[0] == pytest.approx(plain_features(pair))
     assert features(pair, network=True)[0] == pytest.approx(plain_features(pair, network=True))
     assert part_features(pair).shape == (1, PART_FEATURES)
@@ -114,21 +115,12 @@ def test_log_odds_order_pairs_of_equal_probability() -> None:
     assert pooled_probability(pairs) == pytest.approx(1.0 / (1.0 + np.exp(-odds)))
 
 
-def test_the_fine_end_of_the_spectrum_counts_as_far_as_the_coarse_end_agrees() -> None:
-    fine = np.array([0.004, 0.008])
-    near, far = (
-        isometry_bonus(differences(2, spectral=np.full(2, s), eigenvalues=fine)) for s in (0.004, 0.06)
-    )
-    assert near[0] - near[1] > 0.5
-    assert 0.0 < far[0] - far[1] < 0.1
-
-
-def test_without_the_fine_end_the_coarse_end_alone_counts() -> None:
-    coarse, lacking = np.array([0.004, 0.06]), np.full(2, np.nan)
-    known, unknown = (
-        isometry_bonus(differences(2, spectral=coarse, eigenvalues=fine)) for fine in (coarse, lacking)
-    )
-    assert unknown == pytest.approx(known)
+def test_the_eigenvalues_of_signatures_stand_for_many_that_lack() -> None:
+    distances, lacking = np.array([0.004, 0.06]), np.full(2, np.nan)
+    known = differences(2, spectral=np.full(2, 0.3), eigenvalues=distances)
+    unknown = differences(2, spectral=distances, eigenvalues=lacking)
+    assert isometry_bonus(unknown) == pytest.approx(isometry_bonus(known))
+    assert features(unknown) == pytest.approx(features(known))
 
 
 def test_a_pair_without_views_of_a_network_has_models_of_its_own() -> None:
@@ -184,7 +176,7 @@ def test_an_incomplete_shape_is_told_by_its_part_distance() -> None:
 def test_copies_of_a_shape_do_not_make_its_poses_unlikely() -> None:
     """Among many copies of a shape, its seventh neighbour is a copy."""
     pose = differences(
-        spectral=np.array([0.02]), view_density=np.array([1e-4]), spectral_density=np.array([1e-4])
+        eigenvalues=np.array([0.02]), view_density=np.array([1e-4]), spectral_density=np.array([1e-4])
     )
     assert pooled_probability(pose)[0] > 0.9
     assert features(pose)[0] == pytest.approx(plain_features(pose))
