@@ -84,8 +84,10 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
     )
     descriptors = dict(embedding.descriptors)
     if "eigenvalues" in descriptors:
-        eigenvalues = noisy(descriptors["eigenvalues"].astype(np.float32), 0.25 * strength)
-        descriptors["eigenvalues"] = eigenvalues.astype(np.float16)
+        # As much as moves the logarithms in the signature, whose norm is their root mean square.
+        level = 0.25 * strength * np.linalg.norm(embedding.signature)
+        noise = rng.standard_normal(descriptors["eigenvalues"].shape)
+        descriptors["eigenvalues"] = (descriptors["eigenvalues"] + level * noise).astype(np.float16)
     shaken = replace(
         embedding,
         spectra=spectra,
