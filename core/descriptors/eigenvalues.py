@@ -17,10 +17,10 @@ Halves = NDArray[np.float16]
 WEYL = 4.0 * np.pi * np.arange(1, SPECTRUM + 1)
 """The eigenvalues times the area that every closed surface approaches (H. Weyl 1911)."""
 
-FALL = 0.75
+FALL = 0.6
 """The weight of eigenvalue i falls with i to this power: the fine end has most of the noise of meshes."""
 
-SCALE = 1.5
+SCALE = 1.7
 """Factor by which near shapes have the distance of the signature's eigenvalues, too."""
 
 _WEIGHTS = (SCALE * WEYL**-FALL / (WEYL**-FALL).sum()).astype(np.float32)

@@ -22,9 +22,10 @@ from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.local_density import TYPICAL_NETWORK, TYPICAL_SPECTRAL, TYPICAL_VIEW, LocalDensities
 
 GATE, STEEPNESS = 0.05, 6
-"""Distance of eigenvalues at which other differences and densities count half, and the power by which they
-fade below it. There the surfaces are nearly isometric: poses of one body differ in the map that matching
-finds, in their hull and in their views, and not in their eigenvalues."""
+"""Distance of eigenvalues, the geometric mean of that of many and that of signatures, at which other
+differences and densities count half, and the power by which they fade below it. There the surfaces are nearly
+isometric: poses of one body differ in the map that matching finds, in their hull and in their views, and not
+in their eigenvalues."""
 
 FLOORS = (0.01, 0.05, 0.1, 0.05, 0.05)
 """Added before logarithms of 1 - CC, 1 - sim, and of the differences of global descriptors, spin images and
@@ -78,11 +79,11 @@ class Calibration:
 
 
 CALIBRATED_PLAIN_POOL = Calibration(
-    intercept=-9.0745,
+    intercept=-8.9834,
     slopes=(
-        *(-1.9272, -1.8858, -0.8497, -0.9560, -6.5274, 3.7635),
-        *(1.6714, -0.3493, 0.5499, 1.0614, -6.7954, 10.5267),
-        *(12.6123, 4.7860),
+        *(-1.8033, -2.4453, -0.8015, -1.0491, -7.3148, 3.6723),
+        *(1.5261, 0.3796, 0.4937, 1.1610, -5.8434, 11.4927),
+        *(12.4055, 4.9919),
     ),
 )
 CALIBRATED_PLAIN_PARTS = Calibration(
@@ -94,11 +95,11 @@ CALIBRATED_PLAIN_PARTS = Calibration(
     ),
 )
 CALIBRATED_POOL = Calibration(
-    intercept=-12.3763,
+    intercept=-12.3120,
     slopes=(
-        *(-1.7262, -1.5510, -0.7873, -0.3548, -1.0348, 5.7355),
-        *(1.4575, -0.7059, 0.5111, 0.4277, -9.6545, 5.9471),
-        *(11.7736, 4.3266, -7.8269, 4.2603, 6.4550, -4.5334),
+        *(-1.5848, -2.1187, -0.7484, -0.4594, -1.7474, 5.6770),
+        *(1.2941, 0.0038, 0.4663, 0.5382, -8.7823, 6.8994),
+        *(11.5578, 4.5280, -7.9672, 4.4207, 6.6098, -4.7097),
     ),
 )
 CALIBRATED_PARTS = Calibration(
@@ -127,7 +128,8 @@ def features(differences: PairDifferences, *, network: bool = False) -> Floats:
     eigenvalues for reliable ones. With `network` follow those of the views that a network sees.
     """
     reliability, gate = differences.reliability, GATE**STEEPNESS
-    weight = 1.0 - reliability * gate / (_eigenvalue_distance(differences) ** STEEPNESS + gate)
+    eigenvalues = np.sqrt(_eigenvalue_distance(differences) * differences.spectral)
+    weight = 1.0 - reliability * gate / (eigenvalues**STEEPNESS + gate)
     logs = _logs(differences, weight)
     soup = 1.0 - reliability
     views = weight * _log_view_density(differences)

@@ -54,7 +54,7 @@ def differences(count: int = 1, **given: object) -> PairDifferences:
 
 def plain_features(pair: PairDifferences, *, network: bool = False) -> list[float]:
     """`features` of one pair, a number at a time."""
-    x, r = pair.distances["eigenvalues"][0], pair.reliability[0]
+    x, r = np.sqrt(pair.distances["eigenvalues"][0] * pair.spectral[0]), pair.reliability[0]
     w = 1 - r * 0.05**6 / (x**6 + 0.05**6)
     logs = [
         np.log(w * (1 - pair.cc[0]) + 0.01),
@@ -117,7 +117,7 @@ def test_log_odds_order_pairs_of_equal_probability() -> None:
 
 def test_the_eigenvalues_of_signatures_stand_for_many_that_lack() -> None:
     distances, lacking = np.array([0.004, 0.06]), np.full(2, np.nan)
-    known = differences(2, spectral=np.full(2, 0.3), eigenvalues=distances)
+    known = differences(2, spectral=distances, eigenvalues=distances)
     unknown = differences(2, spectral=distances, eigenvalues=lacking)
     assert isometry_bonus(unknown) == pytest.approx(isometry_bonus(known))
     assert features(unknown) == pytest.approx(features(known))
