@@ -21,8 +21,8 @@ COARSE_SAMPLES = 32
 KEPT_SAMPLES = 48
 """Samples of each shape that are kept, and that a re-ranking reads.
 
-Of the three shapes of greatest CC among 1,025 (psb, shrec11, tosca, webmodels), 98 to 99 % are among the
-first 27 of a re-ranking, and the first of them for each of 200 queries.
+Of the three shapes of greatest CC among 1,025 (psb, shrec11, tosca, webmodels), 98.9 % are among the first 43
+of a re-ranking, and of the ten, 97.2 % among the first 50 (205 queries).
 """
 
 LARGEST = 127
