@@ -103,15 +103,17 @@ class Turns:
         The most places held and waited for. When all are taken, the newest wait of the client with the most
         waits gives way to a client that has fewer; one more is for a client that has none.
     kept_seconds : float
-        Clients that left a place so lately come again: all places but one are kept for them.
+        Clients that left a place so lately come again: a place is kept for each, from clients that hold
+        others; all places but one at most.
     """
 
     def __init__(self, places: int, room: float = math.inf, *, kept_seconds: float = 0.0) -> None:
         self.room = room
         self._places = places
         self._kept_seconds = kept_seconds
-        # The moments at which clients left their last places, as long as these are kept.
+        # The moments at which clients left their last places, and the next look for places kept no longer.
         self._left: dict[str, float] = {}
+        self._look: asyncio.TimerHandle | None = None
         self._held: Counter[str] = Counter()
         self._waiting: dict[str, deque[Place]] = {}
         # The number of the last place that each client inside got.
@@ -142,7 +144,7 @@ class Turns:
             self._held[place.client] -= 1
             # Clients without a place are forgotten.
             self._held += Counter()
-            self._left[place.client] = time.monotonic()
+            self._left = self._lately() | {place.client: time.monotonic()}
         else:
             self._forget(place)
         self._give()
@@ -163,7 +165,13 @@ class Turns:
         """Give free places to waiting clients."""
         while self._waiting:
             client = min(self._waiting, key=lambda each: (self._held[each], self._last[each]))
-            if self._held.total() >= self._places - self._kept(client) + (not self._held[client]):
+            held, holds_none = self._held.total(), not self._held[client]
+            if held >= self._places + holds_none:
+                return
+            if not holds_none and held >= self._places - self._kept():
+                self._look = self._look or asyncio.get_running_loop().call_later(
+                    self._kept_seconds, self._give_kept
+                )
                 return
             place = self._waiting[client][0]
             self._forget(place)
@@ -173,11 +181,19 @@ class Turns:
                 self._last[client] = self._given
                 place.set_result(None)
 
-    def _kept(self, client: str) -> int:
-        """Return the number of places that are kept for other clients, which hold none now."""
+    def _give_kept(self) -> None:
+        """Give places that are kept no longer: no client may come or leave meanwhile."""
+        self._look = None
+        self._give()
+
+    def _kept(self) -> int:
+        """Return the number of places that are kept for clients which hold none now."""
+        return min(len(self._lately().keys() - self._held.keys()), self._places - 1)
+
+    def _lately(self) -> dict[str, float]:
+        """Return the moments at which clients left that places are kept for."""
         oldest = time.monotonic() - self._kept_seconds
-        self._left = {name: moment for name, moment in self._left.items() if moment > oldest}
-        return min(len(self._left.keys() - self._held.keys() - {client}), self._places - 1)
+        return {name: moment for name, moment in self._left.items() if moment > oldest}
 
     def _make_room(self, newcomer: str) -> None:
         """Refuse the newest wait of the client with the most, unless the newcomer then has more."""

@@ -66,7 +66,9 @@ def test_all_places_but_one_are_kept_for_clients_that_left_lately() -> None:
     turns.leave(alone)
     assert not flood[2].held
     for client in "cde":
-        turns.leave(asked(turns, client))
+        came = asked(turns, client)
+        assert came.held
+        turns.leave(came)
     turns.leave(flood[0])
     turns.leave(flood[1])
     assert [place.held for place in flood[2:4]] == [True, False]
@@ -75,10 +77,36 @@ def test_all_places_but_one_are_kept_for_clients_that_left_lately() -> None:
 
 
 @on_a_loop
+def test_a_place_kept_for_one_client_delays_no_other_that_holds_none() -> None:
+    turns = Turns(2, kept_seconds=60.0)
+    flood = [asked(turns, "a") for _ in range(9)]
+    turns.leave(asked(turns, "b"))
+    first, again = asked(turns, "c"), asked(turns, "b")
+    assert [place.held for place in (*flood[:3], first, again)] == [True, True, False, True, False]
+    turns.leave(flood[0])
+    assert again.held
+
+
+@on_a_loop
 def test_no_place_is_kept_for_a_client_that_does_not_come_again() -> None:
     turns = Turns(3, kept_seconds=1e-9)
     turns.leave(asked(turns, "b"))
     assert [asked(turns, "a").held for _ in range(3)] == [True, True, True]
+    for number in range(9):
+        turns.leave(asked(turns, str(number)))
+    assert len(turns._left) == 1
+
+
+def test_a_place_is_given_once_it_is_kept_no_longer_though_nobody_comes_or_leaves() -> None:
+    async def run() -> None:
+        turns = Turns(2, kept_seconds=0.02)
+        turns.leave(asked(turns, "b"))
+        first, second = asked(turns, "a"), asked(turns, "a")
+        assert [first.held, second.held] == [True, False]
+        await asyncio.wait_for(second, 10.0)
+        assert first.held
+
+    asyncio.run(run())
 
 
 @on_a_loop
