@@ -8,7 +8,9 @@ import json
 import tempfile
 import uuid
 from collections.abc import Iterable
+from http.client import HTTPException
 from pathlib import Path
+from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import quote
 from urllib.request import Request, urlopen
@@ -77,7 +79,7 @@ class ISOSHAPE_OT_find(bpy.types.Operator):  # noqa: N801
         evaluated.to_mesh_clear()
         fields = {"top_k": "10", "rank_by": "combined"}
         try:
-            answer = json.loads(send(context, "/query", *form(fields, "selection.obj", text.encode())))
+            answer = answered(send(context, "/query", *form(fields, "selection.obj", text.encode())))
         except ServiceError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -173,12 +175,22 @@ def send(context: bpy.types.Context, path: str, body: bytes | None = None, media
     headers |= {"Authorization": f"Bearer {wanted.key}"} if wanted.key else {}
     headers |= {"Isoshape-Collection": wanted.collection} if wanted.collection else {}
     try:
+        # An address or a key that cannot be sent is a ValueError.
         with urlopen(Request(address + path, body, headers), timeout=SECONDS) as answer:
             return bytes(answer.read())
     except HTTPError as error:
         raise ServiceError(problem_of(error.read(), str(error))) from error
-    except OSError as error:
+    except (OSError, HTTPException, ValueError) as error:
         raise ServiceError(f"{address} does not answer: {error}") from error
+
+
+def answered(data: bytes) -> dict[str, Any]:
+    """Return the answer to a query, or raise ServiceError if it is none: of another server, for example."""
+    try:
+        answer = json.loads(data)
+        return {name: answer[name] for name in ("results", "parts", "stored")}
+    except (ValueError, TypeError, KeyError) as error:
+        raise ServiceError("what answers at the address is not Isoshape") from error
 
 
 def problem_of(document: bytes, otherwise: str) -> str:

@@ -8,6 +8,7 @@ import json
 import tempfile
 import uuid
 from collections.abc import Iterable
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
@@ -41,7 +42,7 @@ def find(selected: Any) -> list[dict[str, Any]]:  # noqa: ANN401
         raise ServiceError(f"{selected.Label} has neither a mesh nor a shape")
     text = obj_text(points, triangles)
     fields = {"top_k": "10", "rank_by": "combined"}
-    answer = json.loads(send("/query", *form(fields, "selection.obj", text.encode())))
+    answer = answered(send("/query", *form(fields, "selection.obj", text.encode())))
     return list(answer["results"] + answer["parts"])
 
 
@@ -102,12 +103,22 @@ def send(path: str, body: bytes | None = None, media_type: str = "") -> bytes:
     headers |= {"Authorization": f"Bearer {key}"} if key else {}
     headers |= {"Isoshape-Collection": collection} if collection else {}
     try:
+        # An address or a key that cannot be sent is a ValueError.
         with urlopen(Request(address + path, body, headers), timeout=SECONDS) as answer:
             return bytes(answer.read())
     except HTTPError as error:
         raise ServiceError(problem_of(error.read(), str(error))) from error
-    except OSError as error:
+    except (OSError, HTTPException, ValueError) as error:
         raise ServiceError(f"{address} does not answer: {error}") from error
+
+
+def answered(data: bytes) -> dict[str, Any]:
+    """Return the answer to a query, or raise ServiceError if it is none: of another server, for example."""
+    try:
+        answer = json.loads(data)
+        return {name: answer[name] for name in ("results", "parts", "stored")}
+    except (ValueError, TypeError, KeyError) as error:
+        raise ServiceError("what answers at the address is not Isoshape") from error
 
 
 def problem_of(document: bytes, otherwise: str) -> str:
@@ -160,7 +171,9 @@ def show() -> None:
             QtGui.QMessageBox.warning(dialog, "Isoshape", str(error))
 
     button.clicked.connect(lambda: told(search))
-    table.cellDoubleClicked.connect(lambda row, _: told(insert, shapes[row], FreeCAD.ActiveDocument))
+    table.cellDoubleClicked.connect(
+        lambda row, _: told(insert, shapes[row], FreeCAD.ActiveDocument or FreeCAD.newDocument())
+    )
     dialog.show()
 
 

@@ -98,8 +98,15 @@ def test_the_blender_addon_finds_what_is_like_the_object_and_inserts_it(
     assert insert.execute(context) == {"CANCELLED"}
     assert reports[-1][0] == {"ERROR"}
     assert "no such shape" in reports[-1][1]
-    wanted.address = "file:///etc"
+    wanted.key = "€"
     assert find.execute(context) == {"CANCELLED"}
+    wanted.key = ""
+    for address in ("file:///etc", "http://[", "http://127.0.0.1:port"):
+        wanted.address = address
+        assert find.execute(context) == {"CANCELLED"}
+    for data in (b"<html>", b"[]", b"{}"):
+        with pytest.raises(addon.ServiceError, match="not Isoshape"):
+            addon.answered(data)
     addon.unregister()
     assert registered == []
 
@@ -146,6 +153,10 @@ def test_the_freecad_macro_finds_what_is_like_the_selection_and_inserts_it(
     wanted["Collection"] = "none"
     with pytest.raises(macro.ServiceError, match="none"):
         macro.find(objects[0])
-    wanted["Address"] = "http://127.0.0.1:1"
-    with pytest.raises(macro.ServiceError, match="does not answer"):
-        macro.find(objects[0])
+    for address in ("http://127.0.0.1:1", "http://[", "http://127.0.0.1:port"):
+        wanted["Address"] = address
+        with pytest.raises(macro.ServiceError, match="does not answer"):
+            macro.find(objects[0])
+    for data in (b"<html>", b"[]", b"{}"):
+        with pytest.raises(macro.ServiceError, match="not Isoshape"):
+            macro.answered(data)
