@@ -68,6 +68,9 @@ RELATIONS = 4096
 DOWNLOADS = 4
 """Files that each client receives at a time: each is in memory until its last byte is sent."""
 
+FILE_BATCHES = 2
+"""Batches of files that each client sends at a time: each may take a hundred descriptors, or MB of memory."""
+
 # In the order of the OpenAPI document.
 ROUTERS = (
     search_router,
@@ -232,6 +235,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         threads=threads,
         batches=Turns(2 * settings.workers),
         downloads=Shares(DOWNLOADS),
+        file_batches=Shares(FILE_BATCHES),
         searches=ActivityGate(),
         comparing_is_ready=Event(),
         descriptors=EmbeddingCache(DESCRIPTOR_BYTES),

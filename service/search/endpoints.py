@@ -1,5 +1,6 @@
 """The addresses /query, /families, /map, and /similar and /suggestions of a shape."""
 
+from collections.abc import AsyncIterator
 from functools import partial
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from service.collections.endpoints import InCollection, NamedInAddress
 from service.container import Service
 from service.http.middleware import while_connected
 from service.http.problems import FILE_PROBLEMS, READ_PROBLEMS, WORKER_PROBLEMS, documented
-from service.http.request_bodies import RequestBody, once_each
+from service.http.request_bodies import FORM, RequestBody, once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.previews.endpoints import KNOWN, validated
@@ -31,6 +32,7 @@ from service.search.suggestions import suggestions_for
 from service.shapes.endpoints import ENDINGS_IN_WORDS, MeshFile, MeshUpload, ShapeId
 from service.shapes.fields import Id, Tags
 from service.shapes.schemas import SHAPE, Filters
+from service.turns import current_client
 
 router = APIRouter(tags=["search"])
 
@@ -148,11 +150,29 @@ async def similar(
     return await query(request, container, collection, options, StoredQuery(shape_id=shape_id))
 
 
+async def _sending(request: Request, container: Service) -> AsyncIterator[None]:
+    """Wait until the client has sent few enough batches of files, and count this one until it is answered.
+
+    Raise BusyError if none has been answered meanwhile.
+    """
+    if not request.headers.get("content-type", "").lower().startswith(FORM):
+        yield
+        return
+    shares = container.file_batches
+    busy = f"this client sends {shares.places} batches of files; try again when one is answered"
+    places = await shares.take(current_client.get(), busy)
+    try:
+        yield
+    finally:
+        places.release()
+
+
 @router.post(
     "/query/batch",
     summary="Find shapes similar to each of several",
     response_description="The answers, in the order of the files or the ids.",
     responses=documented(*FILE_PROBLEMS, *WORK_PROBLEMS, "storage-full"),
+    dependencies=[Depends(_sending, scope="function")],
     openapi_extra=QUERIES.openapi,
 )
 async def query_batch(

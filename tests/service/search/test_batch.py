@@ -8,6 +8,8 @@ import pytest
 from core.arrays import Float32s
 from core.embedding import Scores
 from core.parameters import Parameters
+from service import turns
+from service.app import FILE_BATCHES
 from service.client import Client, ClientError
 from service.http.problem_document import TYPE_PREFIX, Cause
 from service.search import scoring
@@ -87,3 +89,16 @@ def test_a_batch_of_files_answers_as_single_queries_do_and_names_the_unusable_on
     many = [("file", (f"{number}.off", b"OFF")) for number in range(101)]
     assert service.client.post("/query/batch", files=many).status_code == 400
     assert_problem(service.client.post("/query/batch", files={"file": ("", b"")}), 422, "bad-request-fields")
+
+
+def test_a_client_sends_few_batches_of_files_at_a_time(
+    service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(turns, "PATIENCE_SECONDS", 0.01)
+    files = [("file", ("a.off", b"OFF"))]
+    for _ in range(FILE_BATCHES + 1):
+        assert service.client.post("/query/batch", files=files).status_code == 200
+    monkeypatch.setattr(service.container.file_batches, "places", 0)
+    assert_problem(service.client.post("/query/batch", files=files), 503, "busy")
+    stored = service.client.post("/query/batch", json={"shape_ids": ["unknown"]})
+    assert_problem(stored, 404, "shape-not-found")
