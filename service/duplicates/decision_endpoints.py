@@ -117,7 +117,10 @@ async def undo_merge(
     responses=documented("shape-not-found", *JUDGING_PROBLEMS, *WRITE_PROBLEMS),
 )
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
-    """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them."""
+    """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them.
+
+    A merge that fails may have merged some groups; the same call goes on with the others.
+    """
 
     async def apply(active_pipeline: ActivePipeline) -> Decided:
         who = _who(request, rule.decided_by)

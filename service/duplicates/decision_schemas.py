@@ -68,7 +68,9 @@ class GroupDecision(Reasoned):
 class Decided(BaseModel):
     """A decision that was stored."""
 
-    id: str | None = Field(description="The id, by which the decision is deleted; null after a dry run.")
+    id: str | None = Field(
+        description="The id, by which the decision is deleted; null after a dry run or a merge."
+    )
     groups: int = Field(description="The number of decided groups.")
     pairs: int = Field(description="The number of decided pairs of files.")
 

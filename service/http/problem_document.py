@@ -23,7 +23,7 @@ class Cause(BaseModel):
     )
     title: str = Field(description="The kind of problem in words.")
     status: int = Field(
-        description="The HTTP status; of a file of a job, that of an upload of the single file."
+        description="The HTTP status; of a file of a job or a batch, that of the single file."
     )
     detail: str = Field(description="What happened, for people.")
 
