@@ -78,7 +78,10 @@ async def answer_shapes(
         async with turns:
             return await search(container, query, options, shapes, Timings(), advise=False, batch=reader)
 
-    return BatchAnswer(answers=list(await together(answer(query) for query in queries)))
+    answers = [answer(query) for query in queries]
+    # A query goes once it is answered, with the mesh that it may have read.
+    del queries
+    return BatchAnswer(answers=list(await together(answers)))
 
 
 def _turns(container: Container) -> asyncio.Semaphore:
