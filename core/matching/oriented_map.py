@@ -84,7 +84,8 @@ def candidate_maps(
     reversing = first[(fitting & ~preserving)[first]]
     others = _different(partners, reversing, most // 2 if kept else most)
     kept = _different(partners, np.append(kept, order[preserving[order]]).astype(np.int64), most + most // 2)
-    chosen = kept + others
+    # The only maps that fit may be reversing ones that symmetries of the second shape show.
+    chosen = kept + others or _different(partners, order[fitting[order]], most)
     mirrored = [not preserving[which] for which in chosen]
     either = preserving.any() and (fitting & ~preserving).any()
     image = None if either else mirrored[0]

@@ -7,6 +7,7 @@ import pytest
 
 from core.embedding import NO_ORIENTATION
 from core.evaluation.correspondence_errors import REMESHED, surface_distances, symmetric_error
+from core.matching import oriented_map
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
 from tests.core.shapes import icosphere
@@ -104,3 +105,14 @@ def test_a_map_that_the_search_misses_is_found_by_the_symmetries_of_the_body():
     ]
     assert mirrored is not None
     assert min(error for error, reverses in zip(errors, mirrored, strict=True) if not reverses) < 0.06
+
+
+def test_the_only_map_that_fits_may_reverse_orientation(monkeypatch):
+    """The symmetries of the second shape alone show the map that fits best."""
+    monkeypatch.setattr(oriented_map, "FITS_AS_WELL", 0.0)
+    one, two = (
+        PIPELINE.embed(make_body(label, 1, vertices=600).posed(0), ()) for label in ("octopus", "teddy")
+    )
+    turned = replace(two, orientation=-two.orientation)
+    kinds = [PIPELINE.correspondences(one, other)[1] for other in (two, turned)]
+    assert sorted(kinds) == [[False], [True]]
