@@ -34,8 +34,9 @@ DECADES = 0.65
 many steps as that asks for."""
 
 SPACE = 2.0
-"""Basis vectors for each of many eigenvalues without eigenvectors. Their relative error is 1e-3 in the mean;
-the last tenth have up to 0.05."""
+"""Basis vectors for each of many eigenvalues without eigenvectors. Their relative error is 2e-3 in the mean;
+the last tenth have up to 0.05. Of a value of more copies than the block has vectors some are missed, which
+moves those that follow."""
 
 EQUAL = 1e-6
 """Relative difference below which eigenvalues count as copies of one."""

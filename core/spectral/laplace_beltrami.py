@@ -81,7 +81,7 @@ def laplace_beltrami_spectrum(
     count : int
         Less than n.
     more : int
-        Number of eigenvalues without eigenfunctions, which have a relative error of about 1e-3.
+        Number of eigenvalues without eigenfunctions, which have a relative error of about 2e-3.
     bridges : int64, shape (components - 1, 2), optional
         As for `laplacian`.
 
