@@ -208,7 +208,8 @@ class DenseCorrespondence:
     scale : float
         Length on the other mesh over length on this mesh, > 0.
     maps : int
-        Different maps that fit about equally well, this one counted: more than 1 if the shape is symmetric.
+        Different maps that fit about equally well, this one counted: more than 1 if the shape is symmetric,
+        or the shapes are unlike.
     mirrored : bool or None
         Whether the map reverses orientation: the other mesh is like the mirror image of this one, and no map
         that fits about as well preserves orientation. None if orientations are unknown.

@@ -94,7 +94,8 @@ class SurfaceMap:
     scale : float
         Length on the second given mesh over length on the first, > 0.
     maps : int
-        Different functional maps that fit about equally well, at least 1: more if the shape is symmetric.
+        Different functional maps that fit about equally well, at least 1: more if the shape is symmetric, or
+        the shapes are unlike.
     cost : float
         How badly the functional map fits, from about -70 to 100 and more.
     mirrored : bool or None

@@ -61,8 +61,8 @@ class DenseFields(BaseModel):
     )
     maps: int | None = Field(
         default=None,
-        description="With dense, landmarks or transfer: how many different maps fit about equally well, 1 "
-        "unless the shape is symmetric.",
+        description="With dense, landmarks or transfer: how many different maps fit about equally well: "
+        "more than 1 if the shape is symmetric, or the shapes are unlike.",
     )
     ambiguous: bool | None = Field(
         default=None,
