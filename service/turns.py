@@ -144,7 +144,9 @@ class Turns:
             self._held[place.client] -= 1
             # Clients without a place are forgotten.
             self._held += Counter()
-            self._left = self._lately() | {place.client: time.monotonic()}
+            self._left = self._lately()
+            if place.client:
+                self._left[place.client] = time.monotonic()
         else:
             self._forget(place)
         self._give()

@@ -30,13 +30,13 @@ _TREND = (WEYL / np.linalg.norm(WEYL)).astype(np.float32)
 def log_eigenvalues(values: Floats) -> Halves | None:
     """Return the logarithms of eigenvalues times the area over `WEYL`, shape (SPECTRUM,), in half precision.
 
-    The last of fewer values stands for those that lack; None if there is none.
+    The ratio of the last of fewer values stands for those that lack; None if there is none.
     """
     if not len(values):
         return None
     known = np.maximum(values[:SPECTRUM], FAINTEST)
-    padded = np.pad(known, (0, SPECTRUM - len(known)), mode="edge")
-    return np.asarray(np.log(padded / WEYL), dtype=np.float16)
+    logarithms = np.log(known / WEYL[: len(known)])
+    return np.asarray(np.pad(logarithms, (0, SPECTRUM - len(known)), mode="edge"), dtype=np.float16)
 
 
 def eigenvalue_distance(query: Halves, others: Sequence[Halves]) -> Floats:

@@ -119,7 +119,9 @@ async def undo_merge(
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them.
 
-    A merge that fails may have merged some groups; the same call goes on with the others.
+    Groups whose shapes together have more tags or metadata than a shape may have are left, and the error
+    names them; the others are merged. A merge that fails otherwise may have merged some groups; the same call
+    goes on with the others.
     """
 
     async def apply(active_pipeline: ActivePipeline) -> Decided:

@@ -171,6 +171,11 @@ async def apply_rule(
     """Decide all groups that meet a rule, in one act, or merge them; a dry run counts them.
 
     A transaction merges `MERGED` groups. If one fails, the same rule goes on with the groups that are left.
+
+    Raises
+    ------
+    BadRequestFieldsError
+        Groups whose shapes together have more tags or metadata than one may have are left; others are merged.
     """
     bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
@@ -190,11 +195,19 @@ async def apply_rule(
         decided = files, rule.action, decided_by, rule.reason
         return await container.database.writing(_store, collection, *decided)
 
+    faults: list[FieldFault] = []
+
     def merge_some(session: WriteSession, some: Sequence[Sequence[Shape]]) -> None:
         for group in some:
             ids = [shape.id for shape in group]
-            merge(session, collection, ids, rule.keep, container.settings.undo_time)
+            try:
+                merge(session, collection, ids, rule.keep, container.settings.undo_time)
+            except BadRequestFieldsError as error:
+                # A merge is checked before it changes anything.
+                faults.extend(FieldFault(fault.field, f"{ids}: {fault.message}") for fault in error.faults)
 
     for start in range(0, len(groups), MERGED):
         await container.database.writing(merge_some, groups[start : start + MERGED])
+    if faults:
+        raise BadRequestFieldsError(*faults)
     return Decided(id=None, groups=len(groups), pairs=pairs)

@@ -180,3 +180,19 @@ def test_a_rule_is_tried_before_it_is_applied(service: Running, copies: list[str
     assert set(left) == {three, other}
     assert left[three].tags == ["all", "thr", "one", "two"]
     assert left[three].metadata == {"from": "three.off", "three.off": 1, "one.off": 1, "two.off": 1}
+
+
+def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_merged(
+    service: Running, copies: list[str]
+) -> None:
+    full = [
+        service.store(
+            small_file(3) + AGAIN * number, f"full {number}.off", tags=",".join(f"{number} {i}" for i in range(20))
+        )["id"]
+        for number in (1, 2)
+    ]
+    answer = service.client.post("/duplicates/rule", json={"action": "merge", "dry_run": False})
+    assert_problem(answer, 422, "bad-request-fields")
+    assert all(shape in answer.text for shape in full)
+    assert not any(shape in answer.text for shape in copies[:3])
+    assert groups(service) == [{copies[3], *full}]
