@@ -187,7 +187,9 @@ def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_mer
 ) -> None:
     full = [
         service.store(
-            small_file(3) + AGAIN * number, f"full {number}.off", tags=",".join(f"{number} {i}" for i in range(20))
+            small_file(3) + AGAIN * number,
+            f"full {number}.off",
+            tags=",".join(f"{number} {i}" for i in range(20)),
         )["id"]
         for number in (1, 2)
     ]
