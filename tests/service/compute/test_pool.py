@@ -355,7 +355,8 @@ def test_a_pool_that_is_killed_waits_for_nothing() -> None:
 @pytest.mark.parametrize("ends", [False, True])
 def test_a_fork_server_that_stands_still_is_replaced(monkeypatch: pytest.MonkeyPatch, ends: bool) -> None:
     """A new worker waits for its process id, and a dead one for its exit code."""
-    monkeypatch.setattr(processes, "STOPPED_SECONDS", 0.5)
+    # A new fork server on a busy machine may wait for a processor.
+    monkeypatch.setattr(processes, "STOPPED_SECONDS", 3.0)
     with LocalPool(1, seconds=60, warm=warm) as pool:
         wait_until(pool.pids, seconds=60)
         (worker,) = pool.pids()
