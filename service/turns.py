@@ -74,6 +74,15 @@ class Shares:
             raise BusyError(busy) from None
         return places
 
+    @asynccontextmanager
+    async def taken(self, client: str, busy: str) -> AsyncIterator[None]:
+        """Hold a place of a client for the duration of the block; wait and raise as `take` does."""
+        places = await self.take(client, busy)
+        try:
+            yield
+        finally:
+            places.release()
+
 
 class Place(asyncio.Future[None]):
     """A place at work, or the wait for it: done once the client has the place."""

@@ -165,7 +165,7 @@ def send(context: bpy.types.Context, path: str, body: bytes | None = None, media
     Raises
     ------
     ServiceError
-        It does not answer, or answers with a problem.
+        The service does not answer, or answers with a problem.
     """
     wanted = context.preferences.addons[__name__].preferences
     address = wanted.address.rstrip("/")
@@ -190,7 +190,7 @@ def answered(data: bytes) -> dict[str, Any]:
         answer = json.loads(data)
         return {name: answer[name] for name in ("results", "parts", "stored")}
     except (ValueError, TypeError, KeyError) as error:
-        raise ServiceError("what answers at the address is not Isoshape") from error
+        raise ServiceError("the server at the address is not Isoshape") from error
 
 
 def problem_of(document: bytes, otherwise: str) -> str:
@@ -219,7 +219,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Take the panel, its operators and the results away."""
     del bpy.types.Scene.isoshape_results
     for each in reversed(CLASSES):
         bpy.utils.unregister_class(each)

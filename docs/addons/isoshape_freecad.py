@@ -92,7 +92,7 @@ def send(path: str, body: bytes | None = None, media_type: str = "") -> bytes:
     Raises
     ------
     ServiceError
-        It does not answer, or answers with a problem.
+        The service does not answer, or answers with a problem.
     """
     wanted = FreeCAD.ParamGet(PREFERENCES)
     address = wanted.GetString("Address", "http://127.0.0.1:8000").rstrip("/")
@@ -118,7 +118,7 @@ def answered(data: bytes) -> dict[str, Any]:
         answer = json.loads(data)
         return {name: answer[name] for name in ("results", "parts", "stored")}
     except (ValueError, TypeError, KeyError) as error:
-        raise ServiceError("what answers at the address is not Isoshape") from error
+        raise ServiceError("the server at the address is not Isoshape") from error
 
 
 def problem_of(document: bytes, otherwise: str) -> str:

@@ -160,11 +160,8 @@ async def _sending(request: Request, container: Service) -> AsyncIterator[None]:
         return
     shares = container.file_batches
     busy = f"this client sends {shares.places} batches of files; try again when one is answered"
-    places = await shares.take(current_client.get(), busy)
-    try:
+    async with shares.taken(current_client.get(), busy):
         yield
-    finally:
-        places.release()
 
 
 @router.post(

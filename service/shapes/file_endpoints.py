@@ -66,11 +66,8 @@ async def _receiving(container: Service) -> AsyncIterator[None]:
     """
     shares = container.downloads
     busy = f"this client receives {shares.places} files; try again when one is complete"
-    places = await shares.take(current_client.get(), busy)
-    try:
+    async with shares.taken(current_client.get(), busy):
         yield
-    finally:
-        places.release()
 
 
 @router.head("/shapes/{shape_id}/file", include_in_schema=False)
