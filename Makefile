@@ -99,8 +99,10 @@ WORKERS ?= 2
 AT_A_TIME := -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 # Modules are compiled, and their asserts rewritten, once for all processes, whatever the shell says of bytecode.
 PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest --durations 15
+# A test that stands still for five minutes fails, and says where it stood.
+STANDSTILL := -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 test: environment
-	$(PYTEST) $(AT_A_TIME) -p no:schemathesis -m 'not studies' -k 'not postgresql'
+	$(PYTEST) $(AT_A_TIME) $(STANDSTILL) -p no:schemathesis -m 'not studies' -k 'not postgresql'
 
 soak: kill-test load-test cluster-test postgresql-test method-test studies-test hostile-test schema-test
 
