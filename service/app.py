@@ -24,7 +24,7 @@ from service.collections.endpoints import PROBLEMS as CHOOSING_PROBLEMS
 from service.collections.endpoints import router as collections_router
 from service.compute.compilation import is_compiled
 from service.compute.pool import LocalPool
-from service.compute.request_queue import ActivityGate, Executor, RequestQueue, start_executors
+from service.compute.request_queue import ActivityGate, Executor, RequestQueue, end, start_executors
 from service.container import Container
 from service.duplicates.decision_endpoints import router as decisions_router
 from service.duplicates.endpoints import router as duplicates_router
@@ -121,9 +121,7 @@ def create_app(settings: Settings, *, watches: bool = False) -> FastAPI:
         try:
             yield
         finally:
-            for task in beside:
-                task.cancel()
-            await asyncio.gather(*beside, return_exceptions=True)
+            await asyncio.gather(*map(end, beside))
             await app.state.scanner.stop()
             await app.state.runner.stop()
             await run_in_threadpool(_stop, app.state.container)

@@ -50,6 +50,9 @@ from service.turns import Turns
 if TYPE_CHECKING:
     from service.compute.cluster import ClusterPool
 
+LOST_SECONDS = 30.0
+"""How long a cancelled task may go on before it is cancelled again."""
+
 Executor = Union[LocalPool, "ClusterPool"]
 """Runs tasks in other processes, reports its state and can be stopped at once."""
 
@@ -171,6 +174,13 @@ async def whole(work: Awaitable[Result]) -> Result:
     except asyncio.CancelledError:
         await asyncio.wait([task])
         raise
+
+
+async def end(task: asyncio.Task[None]) -> None:
+    """Cancel a task and wait until it ends; a cancellation that a library loses is repeated."""
+    while not task.done():
+        task.cancel()
+        await asyncio.wait([task], timeout=LOST_SECONDS)
 
 
 @dataclass(eq=False)

@@ -18,7 +18,7 @@ from starlette.concurrency import run_in_threadpool
 from core.errors import CoreError
 from core.io import format_of
 from service.collection import CollectionNumber
-from service.compute.request_queue import together, whole
+from service.compute.request_queue import end, together, whole
 from service.container import Container
 from service.errors import (
     PROBLEMS,
@@ -119,9 +119,7 @@ class Runner:
     async def stop(self) -> None:
         """Stop at once: the next start continues with the members that are not stored."""
         assert self._running is not None
-        self._running.cancel()
-        with suppress(asyncio.CancelledError):
-            await self._running
+        await end(self._running)
         with suppress(ServiceError):
             await self._database.writing(repository.release, self._id)
 

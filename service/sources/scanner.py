@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 
 from starlette.concurrency import run_in_threadpool
 
+from service.compute.request_queue import end
 from service.container import Container
 from service.errors import ServiceError
 from service.http.middleware import unless
@@ -83,9 +84,7 @@ class Scanner:
     async def stop(self) -> None:
         """Stop at once: the next scan goes on with what is not stored."""
         assert self._running is not None
-        self._running.cancel()
-        with suppress(asyncio.CancelledError):
-            await self._running
+        await end(self._running)
 
     def _changed(self, number: int) -> None:
         """Scan a source whose folder reports a change, as soon as its last scan is long enough ago."""

@@ -3,11 +3,11 @@
 import asyncio
 import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from starlette.concurrency import run_in_threadpool
 
+from service.compute.request_queue import end
 from service.observability.logging import get_logger
 from service.sources.walk import IGNORE, is_read
 
@@ -95,9 +95,7 @@ class Watch:
     async def stop(self) -> None:
         """Stop watching."""
         if self._watching is not None:
-            self._watching.cancel()
-            with suppress(asyncio.CancelledError):
-                await self._watching
+            await end(self._watching)
             self._watching = None
 
     async def _watch(self, roots: Mapping[int, str]) -> None:

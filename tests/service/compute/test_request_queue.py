@@ -3,13 +3,14 @@
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
+from contextlib import suppress
 from typing import Any, cast
 
 import pytest
 
 from service.compute import request_queue
 from service.compute.pool import LocalPool
-from service.compute.request_queue import together
+from service.compute.request_queue import end, together
 from service.jobs.runner import _changed
 from service.turns import Turns, current_client
 
@@ -126,5 +127,43 @@ def test_a_cancellation_that_meets_a_change_is_not_lost() -> None:
         if task.cancel():
             with pytest.raises(asyncio.CancelledError):
                 await task
+
+    asyncio.run(run())
+
+
+def test_a_task_that_loses_a_cancellation_is_cancelled_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(request_queue, "LOST_SECONDS", 0.01)
+
+    async def loses_one() -> None:
+        with suppress(asyncio.CancelledError):
+            await asyncio.Event().wait()
+        await asyncio.Event().wait()
+
+    async def run() -> None:
+        task = asyncio.create_task(loses_one())
+        await settled()
+        await end(task)
+        assert task.cancelled()
+
+    asyncio.run(run())
+
+
+def test_a_cancellation_of_what_ends_a_task_is_not_lost() -> None:
+    """The scanner, which is ended with the service, ends its watch when folders come and go."""
+    cleaned = asyncio.Event()
+
+    async def cleans_up() -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await cleaned.wait()
+
+    async def run() -> None:
+        ending = asyncio.create_task(end(asyncio.create_task(cleans_up())))
+        await settled()
+        ending.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await ending
+        cleaned.set()
 
     asyncio.run(run())
