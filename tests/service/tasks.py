@@ -50,16 +50,16 @@ def nap(seconds: float) -> None:
     time.sleep(seconds)
 
 
-def meet(mine: str, other: str) -> None:
-    """Leave a file, and wait for that of another task."""
+def meet(mine: str, *others: str) -> None:
+    """Leave a file, and wait for those of other tasks."""
     Path(mine).touch()
-    while not Path(other).exists():
+    while not all(Path(other).exists() for other in others):
         time.sleep(0.01)
 
 
-def pid_at_meeting(mine: str, other: str) -> int:
-    """Wait for another task and return the process id: tasks that meet are in slots of their own."""
-    meet(mine, other)
+def pid_at_meeting(mine: str, *others: str) -> int:
+    """Wait for all other tasks and return the process id: tasks that meet are in slots of their own."""
+    meet(mine, *others)
     return os.getpid()
 
 

@@ -270,7 +270,7 @@ def pids_of_all(pool: LocalPool, slots: int, folder: Path) -> set[int]:
     """Give each slot one task and return the process ids."""
     folder.mkdir()
     places = [str(folder / str(slot)) for slot in range(slots)]
-    tasks = [pool.submit(pid_at_meeting, places[slot - 1], places[slot]) for slot in range(slots)]
+    tasks = [pool.submit(pid_at_meeting, place, *places) for place in places]
     return {task.result(timeout=60) for task in tasks}
 
 
