@@ -380,10 +380,12 @@ def merge(shapes: Sequence[str], *, keep: str = "oldest") -> Call[MergedShape]:
     return Call("POST", "/duplicates/merge", parsed(MergedShape), json=body)
 
 
-def undo_merge(merged: MergedShape) -> Call[Shape]:
-    """Restore the shapes that a merge deleted, and the tags and metadata of the one that stayed."""
-    body = MergeUndo.of(merged).model_dump(mode="json")
-    return Call("POST", "/duplicates/merge/undo", parsed(Shape), json=body)
+def undo_merge(undo: MergeUndo) -> Call[Shape]:
+    """Restore the shapes that a merge deleted, and the tags and metadata of the one that stayed.
+
+    `undo` is that of the answer to `merge`, or one of the `merges` of the answer to `apply_rule`.
+    """
+    return Call("POST", "/duplicates/merge/undo", parsed(Shape), json=undo.model_dump(mode="json"))
 
 
 def apply_rule(rule: Rule) -> Call[Decided]:

@@ -114,13 +114,13 @@ async def undo_merge(
 @router.post(
     "/duplicates/rule",
     summary="Decide or merge by a rule",
-    responses=documented("shape-not-found", *JUDGING_PROBLEMS, *WRITE_PROBLEMS),
+    responses=documented(*JUDGING_PROBLEMS, *WRITE_PROBLEMS),
 )
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them.
 
-    Groups whose shapes together have more tags or metadata than a shape may have are left, and the error
-    names them; the others are merged. A merge that fails otherwise may have merged some groups; the same call
+    Groups whose shapes together have more tags or metadata than a shape may have are `left`; the others are
+    merged, and each of `merges` can be undone. A call that fails may have merged some groups; the same call
     goes on with the others.
     """
 

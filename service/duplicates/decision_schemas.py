@@ -65,14 +65,42 @@ class GroupDecision(Reasoned):
     )
 
 
+class MergeUndo(BaseModel):
+    """What undoes a merge: the former tags and metadata of the shape that stayed, and the deleted shapes."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"example": {"shape": SHAPE["id"], "tags": [], "metadata": {}, "deleted": [OTHER]}},
+    )
+
+    shape: Id = Field(description="The id of the shape that stayed.")
+    tags: Tags = Field(description="Its former tags.")
+    metadata: Metadata = Field(description="Its former metadata.")
+    deleted: list[Id] = Field(
+        min_length=1,
+        description="The ids of the deleted shapes, which can be restored for ISOSHAPE_UNDO_DAYS.",
+    )
+
+
+class LeftGroup(BaseModel):
+    """A group that cannot be merged."""
+
+    shapes: list[str] = Field(description="The ids of its shapes.")
+    reason: str = Field(description="The reason, for people.")
+
+
 class Decided(BaseModel):
-    """A decision that was stored."""
+    """Decided or merged groups."""
 
     id: str | None = Field(
         description="The id, by which the decision is deleted; null after a dry run or a merge."
     )
-    groups: int = Field(description="The number of decided groups.")
-    pairs: int = Field(description="The number of decided pairs of files.")
+    groups: int = Field(description="The number of decided or merged groups.")
+    pairs: int = Field(description="The number of pairs of shapes in them, or of decided pairs of files.")
+    merges: list[MergeUndo] = Field(
+        default=[], description="Of merged groups: each can be sent to POST /duplicates/merge/undo."
+    )
+    left: list[LeftGroup] = Field(default=[], description="The groups that cannot be merged.")
 
 
 class DecidedSide(BaseModel):
@@ -116,35 +144,10 @@ class Merge(BaseModel):
 
 
 class MergedShape(BaseModel):
-    """The shape that stays after a merge. POST /duplicates/merge/undo takes it back."""
+    """The shape that stays after a merge."""
 
     shape: Shape
-    former: Shape = Field(description="The same shape as it was.")
-    deleted: list[str] = Field(
-        description="The ids of the deleted shapes, which can be restored for ISOSHAPE_UNDO_DAYS."
-    )
-
-
-class MergeUndo(BaseModel):
-    """A merge to undo, as its answer told."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={"example": {"shape": SHAPE["id"], "tags": [], "metadata": {}, "deleted": [OTHER]}},
-    )
-
-    shape: Id = Field(description="The id of the shape that stayed.")
-    tags: Tags = Field(description="Its former tags.")
-    metadata: Metadata = Field(description="Its former metadata.")
-    deleted: list[Id] = Field(
-        min_length=1, max_length=MOST_SHAPES, description="The ids of the shapes that the merge deleted."
-    )
-
-    @classmethod
-    def of(cls, merged: MergedShape) -> "MergeUndo":
-        """Return what undoes a merge."""
-        former = merged.former
-        return cls(shape=former.id, tags=former.tags, metadata=former.metadata, deleted=merged.deleted)
+    undo: MergeUndo = Field(description="The body by which POST /duplicates/merge/undo undoes the merge.")
 
 
 class Rule(Reasoned, Filters):

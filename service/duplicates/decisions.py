@@ -12,13 +12,14 @@ from service.duplicates.decision_schemas import (
     Decided,
     DecisionPage,
     GroupDecision,
+    LeftGroup,
     MergedShape,
     MergeUndo,
     Rule,
 )
 from service.duplicates.groups import Counted, Search
 from service.duplicates.records import Decision, pair_of
-from service.errors import BadRequestFieldsError, FieldFault, MissingError
+from service.errors import BadRequestFieldsError, FieldFault, MissingError, ShapeNotFoundError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.shapes import repository as shapes_repository
@@ -109,7 +110,9 @@ def merge(
     for record in others:
         shapes_service.delete(session, collection, record.id, undo)
     after = shapes_service.change(session, collection, kept.id, changes, collection)
-    return MergedShape(shape=Shape.of(after), former=Shape.of(kept), deleted=[record.id for record in others])
+    deleted = [record.id for record in others]
+    former = MergeUndo(shape=kept.id, tags=list(kept.tags), metadata=dict(kept.metadata), deleted=deleted)
+    return MergedShape(shape=Shape.of(after), undo=former)
 
 
 async def undo_merge(container: Container, collection: CollectionNumber, wanted: MergeUndo) -> ShapeRecord:
@@ -170,12 +173,8 @@ async def apply_rule(
 ) -> Decided:
     """Decide all groups that meet a rule, in one act, or merge them; a dry run counts them.
 
-    A transaction merges `MERGED` groups. If one fails, the same rule goes on with the groups that are left.
-
-    Raises
-    ------
-    BadRequestFieldsError
-        Groups whose shapes together have more tags or metadata than one may have are left; others are merged.
+    Groups are left whose shapes together have more tags or metadata than one may have, or are deleted
+    meanwhile. A transaction merges `MERGED` groups. If one fails, the same rule goes on with the others.
     """
     bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
@@ -195,19 +194,26 @@ async def apply_rule(
         decided = files, rule.action, decided_by, rule.reason
         return await container.database.writing(_store, collection, *decided)
 
-    faults: list[FieldFault] = []
-
-    def merge_some(session: WriteSession, some: Sequence[Sequence[Shape]]) -> None:
+    def merge_some(
+        session: WriteSession, some: Sequence[Sequence[Shape]]
+    ) -> tuple[list[MergeUndo], list[LeftGroup]]:
+        undos: list[MergeUndo] = []
+        left: list[LeftGroup] = []
         for group in some:
             ids = [shape.id for shape in group]
             try:
-                merge(session, collection, ids, rule.keep, container.settings.undo_time)
-            except BadRequestFieldsError as error:
+                undos.append(merge(session, collection, ids, rule.keep, container.settings.undo_time).undo)
+            except (BadRequestFieldsError, ShapeNotFoundError) as error:
                 # A merge is checked before it changes anything.
-                faults.extend(FieldFault(fault.field, f"{ids}: {fault.message}") for fault in error.faults)
+                left.append(LeftGroup(shapes=ids, reason=str(error)))
+        return undos, left
 
+    merges: list[MergeUndo] = []
+    left: list[LeftGroup] = []
     for start in range(0, len(groups), MERGED):
-        await container.database.writing(merge_some, groups[start : start + MERGED])
-    if faults:
-        raise BadRequestFieldsError(*faults)
-    return Decided(id=None, groups=len(groups), pairs=pairs)
+        some = await container.database.writing(merge_some, groups[start : start + MERGED])
+        merges += some[0]
+        left += some[1]
+    sizes = [1 + len(undo.deleted) for undo in merges]
+    pairs = sum(size * (size - 1) // 2 for size in sizes)
+    return Decided(id=None, groups=len(merges), pairs=pairs, merges=merges, left=left)

@@ -7,7 +7,7 @@ from core.errors import MeshError
 from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
-from service.errors import FileTimeLimitError
+from service.errors import FileTimeLimitError, WorkerCrashedError
 from service.http.problem_document import Cause
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
@@ -41,7 +41,7 @@ async def answer_files(
                     container, collection, file, exclude_self, active_pipeline, Timings()
                 )
                 return await search(container, query, options, shapes, Timings(), advise=False, batch=reader)
-            except (MeshError, FileTimeLimitError) as error:
+            except (MeshError, FileTimeLimitError, WorkerCrashedError) as error:
                 return Cause.of(error.kind, str(error))
 
     return BatchAnswer(answers=await together(answer(file) for file in files))

@@ -59,9 +59,8 @@ export async function decide(members, decision) {
 async function merge(others, shapes) {
   if (!await mayDelete(others)) return false;
   /** @type {MergedShape} */
-  const { former, deleted } = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
-  const body = { shape: former.id, tags: former.tags, metadata: former.metadata, deleted };
-  if (areKept()) undoes.push(() => askWith(address("duplicates/merge/undo"), body));
+  const merged = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
+  if (areKept()) undoes.push(() => askWith(address("duplicates/merge/undo"), merged.undo));
   // Undo takes the latest decision back, and never an earlier one.
   else undoes.length = 0;
   return true;

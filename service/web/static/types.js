@@ -41,7 +41,7 @@
  *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
- * @typedef {{ shape: Shape, former: Shape, deleted: string[] }} MergedShape
+ * @typedef {{ undo: object }} MergedShape
  * @typedef {{ found: number, done: number }} Scan
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
  *             counts: { present: number, missing: number, refused: number, unreadable: number },

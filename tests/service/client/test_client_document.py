@@ -12,9 +12,8 @@ import pytest
 from pydantic import BaseModel
 
 from service.client import Client, Upload
-from service.duplicates.decision_schemas import MergedShape, Rule
+from service.duplicates.decision_schemas import MergeUndo, Rule
 from service.shapes.bulk_schemas import BulkChange
-from service.shapes.schemas import SHAPE, Shape
 from tests.service.cli.awaited import Awaited
 from tests.service.support import document
 
@@ -39,9 +38,7 @@ SEARCH = {
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
 RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
-MERGED = MergedShape(
-    shape=Shape.model_validate(SHAPE), former=Shape.model_validate(SHAPE), deleted=["id", "other"]
-)
+UNDO = MergeUndo(shape="id", tags=["a"], metadata={"k": 1}, deleted=["other"])
 BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
@@ -117,7 +114,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("decisions", (), {}, "GET /duplicates/decisions"),
     ("delete_decision", ("id",), {}, "DELETE /duplicates/decisions/{decision_id}"),
     ("merge", (["id", "other"],), {"keep": "newest"}, "POST /duplicates/merge"),
-    ("undo_merge", (MERGED,), {}, "POST /duplicates/merge/undo"),
+    ("undo_merge", (UNDO,), {}, "POST /duplicates/merge/undo"),
     ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
     ("families", (), {"least_probability": 0.8, **FILTERS}, "GET /families"),

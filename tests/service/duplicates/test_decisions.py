@@ -140,10 +140,9 @@ def test_a_merge_joins_what_was_written_and_can_be_undone(service: Running) -> N
     merged = client.post("/duplicates/merge", json={"shapes": ids[::-1], "keep": ids[1]}).json()
     assert merged["shape"]["tags"] == ["blue", "red", "green"]
     assert merged["shape"]["metadata"] == {"y": "a", "z": [2], "x": 1}
-    assert merged["deleted"] == [ids[0], ids[2]]
+    undo = merged["undo"]
+    assert (undo["shape"], undo["deleted"]) == (ids[1], [ids[0], ids[2]])
     assert [shape["id"] for shape in client.get("/shapes").json()["shapes"]] == [ids[1]]
-    former = {name: merged["former"][name] for name in ("tags", "metadata")}
-    undo = {"shape": ids[1], **former, "deleted": merged["deleted"]}
     # Nothing is restored where the rest cannot be undone.
     lost = client.post("/duplicates/merge/undo", json={**undo, "shape": "unknown"})
     assert_problem(lost, 404, "shape-not-found")
@@ -162,6 +161,11 @@ def test_a_merge_joins_what_was_written_and_can_be_undone(service: Running) -> N
 def test_a_rule_is_tried_before_it_is_applied(service: Running, copies: list[str]) -> None:
     one, two, three, other = copies
     with Client(str(service.client.base_url)) as client:
+
+        def stored() -> dict[str, Any]:
+            return {shape.id: (shape.name, shape.tags, shape.metadata) for shape in client.shapes()}
+
+        before = stored()
         for rule in (
             Rule(action="ignore", dry_run=False),
             Rule(action="merge", keep="newest", dry_run=False),
@@ -177,6 +181,9 @@ def test_a_rule_is_tried_before_it_is_applied(service: Running, copies: list[str
                 assert len(list(client.decisions())) == done.pairs == 2
                 client.delete_decision(done.id)
         left = {shape.id: shape for shape in client.shapes()}
+        for undo in done.merges:
+            client.undo_merge(undo)
+        assert stored() == before
     assert set(left) == {three, other}
     assert left[three].tags == ["all", "thr", "one", "two"]
     assert left[three].metadata == {"from": "three.off", "three.off": 1, "one.off": 1, "two.off": 1}
@@ -193,8 +200,11 @@ def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_mer
         )["id"]
         for number in (1, 2)
     ]
-    answer = service.client.post("/duplicates/rule", json={"action": "merge", "dry_run": False})
-    assert_problem(answer, 422, "bad-request-fields")
-    assert all(shape in answer.text for shape in full)
-    assert not any(shape in answer.text for shape in copies[:3])
+    rule = {"action": "merge", "dry_run": False}
+    answer = service.client.post("/duplicates/rule", json=rule).raise_for_status().json()
+    assert (answer["groups"], answer["pairs"]) == (1, 3)
+    assert [{undo["shape"], *undo["deleted"]} for undo in answer["merges"]] == [set(copies[:3])]
+    (left,) = answer["left"]
+    assert set(left["shapes"]) == {copies[3], *full}
+    assert "tags" in left["reason"]
     assert groups(service) == [{copies[3], *full}]

@@ -8,9 +8,12 @@ import threading
 
 import pytest
 
+from core.io import write_mesh
 from service.compute import request_queue as work_module
 from service.compute import tasks
+from service.http.problem_document import TYPE_PREFIX
 from service.search import scoring
+from tests.core.shapes import box
 from tests.service.calls import Calls, assert_recovered, reads, the_kept
 from tests.service.processes import runs
 from tests.service.support import (
@@ -22,7 +25,7 @@ from tests.service.support import (
     upload,
     wait_until,
 )
-from tests.service.tasks import nap_instead, napping, run_out_of_memory
+from tests.service.tasks import break_down_over_cube, nap_instead, napping, run_out_of_memory
 from tests.soak.hostile.packages import brackets
 
 frail = module_service(stored={"kept": small_file(0)})
@@ -62,6 +65,19 @@ def test_a_worker_that_is_killed(
         killer.start()
         assert_problem(calls(frail, kept)[name](), 503, "worker-lost")
     killer.join()
+    assert_recovered(frail, kept)
+
+
+def test_a_file_of_a_batch_over_which_its_worker_breaks_down(
+    frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = [("file", ("cube.off", write_mesh(box(1, 1, 1), "off"))), ("file", ("small.off", small_file(2)))]
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "embed_mesh", break_down_over_cube)
+        answer = frail.client.post("/query/batch", files=files)
+    broken, answered = answer.raise_for_status().json()["answers"]
+    assert broken["type"] == TYPE_PREFIX + "worker-lost"
+    assert [result["shape"]["id"] for result in answered["results"]] == [kept]
     assert_recovered(frail, kept)
 
 
