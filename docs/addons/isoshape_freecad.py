@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import quote
-from urllib.request import Request, urlopen
+from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 import FreeCAD
 
@@ -30,6 +30,17 @@ COLUMNS = ("name", "likeness", "probability")
 
 class ServiceError(Exception):
     """The service does not answer, or refuses; the message gives the reason."""
+
+
+class NoRedirects(HTTPRedirectHandler):
+    """Refuses redirects, which would carry the key to another server."""
+
+    def http_error_302(self, _request: Any, answer: Any, code: int, _reason: str, headers: Any) -> None:  # noqa: ANN401
+        """Raise HTTPError with the address that the server redirects to."""
+        target = headers.get("Location", "nowhere")
+        raise HTTPError("", code, f"the server redirects to {target}", headers, answer)
+
+    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
 
 
 def find(selected: Any) -> list[dict[str, Any]]:  # noqa: ANN401
@@ -104,7 +115,7 @@ def send(path: str, body: bytes | None = None, media_type: str = "") -> bytes:
     headers |= {"Isoshape-Collection": collection} if collection else {}
     try:
         # An address or a key that cannot be sent is a ValueError.
-        with urlopen(Request(address + path, body, headers), timeout=SECONDS) as answer:
+        with build_opener(NoRedirects).open(Request(address + path, body, headers), None, SECONDS) as answer:
             return bytes(answer.read())
     except HTTPError as error:
         raise ServiceError(problem_of(error.read(), str(error))) from error

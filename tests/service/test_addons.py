@@ -4,6 +4,10 @@ Both programs are too large to install for a test; the stubs have what the add-o
 """
 
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -34,6 +38,42 @@ class Results(list[Any]):
     def add(self) -> Any:
         self.append(SimpleNamespace())
         return self[-1]
+
+
+@contextmanager
+def redirecting(code: int, target: str) -> Iterator[tuple[str, list[str]]]:
+    """A server that redirects every request to a path; its address, and the paths that it was asked for."""
+    asked: list[str] = []
+
+    class Redirecting(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            asked.append(self.path)
+            self.rfile.read(int(self.headers.get("Content-Length", 0)))
+            self.send_response(code)
+            self.send_header("Location", target)
+            self.end_headers()
+
+        do_POST = do_GET  # noqa: N815
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Redirecting) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}", asked
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def assert_not_redirected(ask: Callable[[str], str]) -> None:
+    """Assert that an add-on follows no redirect, and says to where; `ask` returns what it says."""
+    for code in (301, 302, 303, 307, 308):
+        with redirecting(code, "http://elsewhere.example/") as (address, asked):
+            assert ask(address) == f"HTTP Error {code}: the server redirects to http://elsewhere.example/"
+            assert asked == ["/query"]
 
 
 def assert_equal_meshes(data: bytes, mesh: Mesh) -> None:
@@ -104,6 +144,13 @@ def test_the_blender_addon_finds_what_is_like_the_object_and_inserts_it(
     for address in ("file:///etc", "http://[", "http://127.0.0.1:port"):
         wanted.address = address
         assert find.execute(context) == {"CANCELLED"}
+
+    def said(address: str) -> str:
+        wanted.address, wanted.key = address, "secret"
+        assert find.execute(context) == {"CANCELLED"}
+        return reports[-1][1]
+
+    assert_not_redirected(said)
     for data in (b"<html>", b"[]", b"{}"):
         with pytest.raises(addon.ServiceError, match="not Isoshape"):
             addon.answered(data)
@@ -157,6 +204,14 @@ def test_the_freecad_macro_finds_what_is_like_the_selection_and_inserts_it(
         wanted["Address"] = address
         with pytest.raises(macro.ServiceError, match="does not answer"):
             macro.find(objects[0])
+
+    def said(address: str) -> str:
+        wanted.update(Address=address, Collection="", Key="secret")
+        with pytest.raises(macro.ServiceError) as caught:
+            macro.find(objects[0])
+        return str(caught.value)
+
+    assert_not_redirected(said)
     for data in (b"<html>", b"[]", b"{}"):
         with pytest.raises(macro.ServiceError, match="not Isoshape"):
             macro.answered(data)
