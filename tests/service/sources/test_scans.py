@@ -100,7 +100,7 @@ def test_rules_that_change_tag_stored_shapes_too(running: Running, root: Path) -
 
 
 def test_wrong_rules_are_refused(running: Running, root: Path) -> None:
-    for pattern in ("!", "!a", "# a", "/", "*" * 20 + "a", "a*b*c*d*/e*"):
+    for pattern in ("!", "!a", "# a", "/"):
         wrong = running.client.post("/sources", json={"path": str(root), "rules": {pattern: ["a"]}})
         assert_problem(wrong, 422, "bad-request-fields")
 

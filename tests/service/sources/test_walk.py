@@ -80,11 +80,10 @@ def test_patterns_and_hidden_names_are_left_out(root: Path) -> None:
 @pytest.mark.parametrize(
     ("patterns", "cause"),
     [
-        (b"old/\n*a*a*a*a*b\n", "asterisks"),
         (b"!\n", "no pattern"),
         (b"".join(b"%d/\n" % number for number in range(PATTERNS + 1)), "patterns"),
     ],
-    ids=["slow", "none", "many"],
+    ids=["none", "many"],
 )
 def test_wrong_patterns_leave_the_folder_unread(root: Path, patterns: bytes, cause: str) -> None:
     put(root / "a.off", b"1")
