@@ -12,8 +12,9 @@ import pytest
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.auth.keys import digest_of
-from service.cli import service_address
+from service.cli import query, service_address
 from service.client import Client
+from service.search import endpoints
 from service.search.schemas import QueryAnswer, SearchOptions
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.html import Parsed
@@ -188,7 +189,9 @@ def test_bad_settings_are_named(
     assert "Traceback" not in done.stderr
 
 
-def test_a_folder_is_queried_file_by_file(archive: Client, cup: Path, run: Run, tmp_path: Path) -> None:
+def test_a_folder_is_queried_by_batches(
+    archive: Client, cup: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stored = archive.upload(cup, name="=cup").shape
     folder = tmp_path / "folder"
     (folder / "deep").mkdir(parents=True)
@@ -202,4 +205,19 @@ def test_a_folder_is_queried_file_by_file(archive: Client, cup: Path, run: Run, 
     assert (rows["one.off"]["id"], rows["one.off"]["name"]) == (stored.id, "'=cup")
     assert (rows["one.off"]["likeness"], float(rows["one.off"]["cc"])) == ("same", pytest.approx(1.0))
     assert float(rows["two.off"]["cc"]) < 0.999
+    # A batch that is refused is sent file by file.
+    monkeypatch.setattr(endpoints.QUERIES, "_most_files", 1)
+    again = run("query", folder, "--csv", "--top-k", "1", "--url", archive.url)
+    assert (again.status, again.stdout, again.stderr) == (1, done.stdout, done.stderr)
     assert run("query", folder, "--csv", "--json", "--url", archive.url).status == 2
+
+
+def test_batches_have_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(query, "BATCH_FILES", 3)
+    monkeypatch.setattr(query, "BATCH_BYTES", 10)
+    paths = []
+    for number, size in enumerate((20, 4, 6, 1, 1, 1, 1, 10, 1)):
+        paths.append(tmp_path / str(number))
+        paths[-1].write_bytes(bytes(size))
+    batches = [[int(path.name) for path in batch] for batch in query.batches(paths)]
+    assert batches == [[0], [1, 2], [3, 4, 5], [6], [7], [8]]
