@@ -4,18 +4,21 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 import typer
 from pydantic import ValidationError
 
 from core.io import readable
+from core.ranking.likeness import Copy
+from service.cli.file_queries import answers
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, ProblemError, Upload
 from service.client.clients import AT_ONCE, Item, upload_all
 from service.console import fail, output, progress, say
 from service.datasets import DatasetError, MeshFile, find_meshes, read_table
 from service.http.problem_document import TYPE_PREFIX, Cause, faults_of
+from service.search.schemas import QueryAnswer, likeness_in_words
 from service.shapes.fields import TAG_CHARACTERS, split_tags
 from service.shapes.schemas import ShapeFields
 
@@ -70,6 +73,9 @@ def row_of(rows: dict[str, About], path: Path) -> str | None:
     names = ("/".join(path.parts[start:]) for start in range(len(path.parts)))
     return next((name for name in names if name in rows), None)
 
+
+LOOKED_AT = 5
+"""The results of a search among which copies are looked for."""
 
 SECONDS_BETWEEN_LINES = 30.0
 """Seconds between two lines of progress, where standard error is no terminal that shows a bar."""
@@ -163,6 +169,9 @@ def ingest_command(
     key: Key = None,
     collection: Collection = None,
     at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads at the same time.")] = AT_ONCE,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Store nothing; tell which meshes are there already.")
+    ] = False,
 ) -> None:
     """Store mesh files, folders of meshes and archives.
 
@@ -175,6 +184,8 @@ def ingest_command(
     their files have no class and no metadata, and are not split.
 
     With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
+
+    With --dry-run, each mesh is searched for instead, and rigid copies of it and variants are named.
     """
     archives = [path for path in paths if path.is_file() and path.suffix.lower() == ".zip"]
     if split is not None and archives:
@@ -182,6 +193,12 @@ def ingest_command(
     meshes = find_meshes([path for path in paths if path not in archives])
     if not meshes.files and not archives:
         fail(f"no meshes found; the formats read are {', '.join(readable())}")
+    if dry_run:
+        if archives:
+            fail("the meshes of an archive are not searched for; unpack it first", status=2)
+        with service_at(url, key, collection) as client:
+            _look_up(client, [file.path for file in meshes.files])
+        return
     rows = {} if metadata is None else read_metadata(metadata)
     named = {file.path: row_of(rows, file.path) for file in meshes.files}
     items = [
@@ -215,6 +232,29 @@ def ingest_command(
         fail(f"stopped; {left} of {tally.total} left, and the same command continues", status=130)
     if tally.refused:
         raise typer.Exit(1)
+
+
+def _look_up(client: Client, paths: Sequence[Path]) -> None:
+    """Print for each file whether it is new, and the stored shape that it copies."""
+    counts = {"new": 0, "already there": 0, "refused": 0}
+    for path, answer in answers(client, paths, top_k=LOOKED_AT, rank_by="combined"):
+        outcome, told = ("refused", answer) if isinstance(answer, str) else _copied(answer)
+        counts[outcome] += 1
+        output().print(f"{path}: {outcome}{told and f'; {told}'}", soft_wrap=True)
+    output().print(", ".join(f"{count} {outcome}" for outcome, count in counts.items()), soft_wrap=True)
+    if counts["refused"]:
+        raise typer.Exit(1)
+
+
+def _copied(answer: QueryAnswer) -> tuple[str, str]:
+    """Return whether a shape is new, and the likeness and name of the nearest copy or variant of it."""
+    copies = {result.likeness: result for result in reversed(answer.results)}
+    for likeness in get_args(Copy):
+        if likeness in copies:
+            result = copies[likeness]
+            words = f"{likeness_in_words(likeness, result.scale)}: {result.shape.name}"
+            return "already there" if likeness == "same" else "new", words
+    return "new", ""
 
 
 def class_tag(label: str) -> str:

@@ -2,19 +2,18 @@
 
 import csv
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from service.cli.file_queries import answers
 from service.cli.model_options import with_options
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import Client, ProblemError
+from service.client import Client
 from service.console import fail, output, progress, say, table
 from service.datasets import find_meshes
 from service.duplicates.schemas import without_formula
-from service.http.problem_document import Cause
 from service.search.schemas import (
     CC_OF_PAIRS,
     QueryAnswer,
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 COLUMNS = ("file", "rank", "id", "name", "likeness", "cc", "ssd", "sim", "combined", "scale")
-
-BATCH_FILES, BATCH_BYTES = 16, 16 * 1024**2
-"""The files of a folder that are sent together. A service takes 100, of the size of one upload."""
 
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {name: {"__all__": {"correspondence"}} for name in ("results", "parts")}
@@ -86,45 +82,19 @@ def _print_rows(client: Client, path: Path, options: dict[str, Any]) -> None:
     rows = csv.writer(sys.stdout, lineterminator="\n")
     rows.writerow(COLUMNS)
     paths = [file.path for file in find_meshes([path]).files]
-    for batch in batches(paths):
-        for file, answer in zip(batch, _answers(client, batch, options), strict=True):
-            if not isinstance(answer, QueryAnswer):
-                refused += 1
-                say(f"{file}: {answer.title}: {answer.detail}")
-                continue
-            for result in answer.results:
-                names = file, result.rank, result.shape.id, result.shape.name, result.likeness
-                scores = result.cc, result.ssd, result.sim, result.combined, result.scale
-                rows.writerow([without_formula(str(cell)) for cell in names] + [*scores])
+    for file, answer in answers(client, paths, **options):
+        if isinstance(answer, str):
+            refused += 1
+            say(f"{file}: {answer}")
+            continue
+        for result in answer.results:
+            names = file, result.rank, result.shape.id, result.shape.name, result.likeness
+            scores = result.cc, result.ssd, result.sim, result.combined, result.scale
+            rows.writerow([without_formula(str(cell)) for cell in names] + [*scores])
         sys.stdout.flush()
     say(f"{len(paths) - refused} of {len(paths)} files queried")
     if refused:
         raise typer.Exit(1)
-
-
-def batches(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """Yield files that are sent together; one that is larger than a batch is sent alone."""
-    batch: list[Path] = []
-    free = BATCH_BYTES
-    for path in paths:
-        size = path.stat().st_size
-        if batch and (size > free or len(batch) == BATCH_FILES):
-            yield batch
-            batch, free = [], BATCH_BYTES
-        batch.append(path)
-        free -= size
-    if batch:
-        yield batch
-
-
-def _answers(client: Client, batch: Sequence[Path], options: dict[str, Any]) -> list[QueryAnswer | Cause]:
-    """Return the answers to files, or why one has none. A batch that is refused is sent file by file."""
-    try:
-        return list(client.query_batch(batch, **options).answers)
-    except ProblemError as error:
-        if len(batch) == 1:
-            return [error.problem]
-        return [answer for path in batch for answer in _answers(client, [path], options)]
 
 
 def write_report(

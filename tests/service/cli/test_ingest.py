@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
 from service.cli.ingest import class_tag
 from service.client import Client
 from tests.core.io.step_files import step_box, step_machine
@@ -56,6 +58,34 @@ def test_bad_files_are_listed_and_the_rest_is_stored(archive: Client, tmp_path: 
         "malformed-mesh",
     ]
     assert [(shape.name, shape.tags) for shape in archive.shapes()] == [("good.off", ["Cup"])]
+
+
+def test_a_dry_run_tells_what_is_there_already(archive: Client, tmp_path: Path, run: Run) -> None:
+    mesh = read_mesh(mesh_bytes("cup", 0), "off")
+    archive.upload(("stored cup.off", mesh_bytes("cup", 0)))
+    meshes = {
+        "again.off": Mesh(mesh.vertices[:, [1, 2, 0]] + 1.0, mesh.faces),
+        "large.off": Mesh(2.0 * mesh.vertices, mesh.faces),
+        "other.off": read_mesh(mesh_bytes("octopus", 0), "off"),
+    }
+    for name, each in meshes.items():
+        (tmp_path / name).write_bytes(write_mesh(each, "off"))
+    (tmp_path / "bad.off").write_bytes(b"OFF")
+    (tmp_path / "labels.csv").write_text(
+        "file,class\n" + "".join(f"{name},x\n" for name in (*meshes, "bad.off", "gone.off"))
+    )
+    done = run("ingest", tmp_path, "--dry-run")
+    lines = [line.removeprefix(f"{tmp_path}/") for line in done.stdout.splitlines()]
+    assert lines[:3] == [
+        "again.off: already there; Same part: stored cup.off",
+        "large.off: new; Same part, 0.5 times as large: stored cup.off",
+        "other.off: new",
+    ]
+    assert lines[3].startswith("bad.off: refused; ")
+    assert lines[4:] == ["gone.off: refused; No such file or directory", "2 new, 1 already there, 2 refused"]
+    assert (done.status, archive.page().total) == (1, 1)
+    (tmp_path / "a.zip").write_bytes(pack({"a.off": b"OFF"}))
+    assert run("ingest", tmp_path / "a.zip", "--dry-run").status == 2
 
 
 def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Path, run: Run) -> None:

@@ -12,7 +12,7 @@ import pytest
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
 from service.auth.keys import digest_of
-from service.cli import query, service_address
+from service.cli import file_queries, service_address
 from service.client import Client
 from service.search import endpoints
 from service.search.schemas import QueryAnswer, SearchOptions
@@ -213,11 +213,11 @@ def test_a_folder_is_queried_by_batches(
 
 
 def test_batches_have_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(query, "BATCH_FILES", 3)
-    monkeypatch.setattr(query, "BATCH_BYTES", 10)
+    monkeypatch.setattr(file_queries, "BATCH_FILES", 3)
+    monkeypatch.setattr(file_queries, "BATCH_BYTES", 10)
     paths = []
     for number, size in enumerate((20, 4, 6, 1, 1, 1, 1, 10, 1)):
         paths.append(tmp_path / str(number))
         paths[-1].write_bytes(bytes(size))
-    batches = [[int(path.name) for path in batch] for batch in query.batches(paths)]
+    batches = [[int(path.name) for path in batch] for batch in file_queries.batches(paths)]
     assert batches == [[0], [1, 2], [3, 4, 5], [6], [7], [8]]
