@@ -163,7 +163,7 @@ class BusyError(ServiceError, kind="busy", retry_after=2):
     """The queue of waiting requests is full."""
 
 
-class CompilingError(BusyError, retry_after=5):
+class CompilingError(ServiceError, kind="not-ready", retry_after=5):
     """The kernels are not compiled for this processor yet, so no worker can start."""
 
     def __init__(self) -> None:

@@ -19,7 +19,9 @@ from service.observability.metrics import METHODS
 KIND_IN_SCOPE = "isoshape.problem"
 
 # The kinds of problem that operations answer, for the OpenAPI document; those of bodies, all that have one.
-WORKER_PROBLEMS = ("busy", "shutting-down", "worker-lost", "cluster-unavailable", "file-time-limit")
+WORKER_PROBLEMS = (
+    *("busy", "not-ready", "shutting-down", "worker-lost", "cluster-unavailable", "file-time-limit"),
+)
 BODY_PROBLEMS = (
     *("bad-request", "bad-request-fields", "body-too-large", "request-timeout", "busy", "storage-full"),
 )

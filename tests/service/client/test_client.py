@@ -180,7 +180,7 @@ def problem(kind: str) -> httpx.Response:
 @pytest.mark.parametrize(
     ("refusal", "times"),
     [
-        *((kind, 1 + RETRIES[kind]) for kind in ("busy", "worker-lost", "storage-unavailable")),
+        *((kind, 1 + RETRIES[kind]) for kind in ("busy", "not-ready", "worker-lost", "storage-unavailable")),
         *((kind, 1) for kind in ("storage-full", "no-triangles")),
         *((status, 1 + PROXY_RETRIES * (status != 502)) for status in (429, 503, 502)),
     ],

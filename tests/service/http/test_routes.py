@@ -187,7 +187,7 @@ def test_uploads_and_queries_are_refused_while_no_worker_can_start(
     file = {"file": ("ball.off", write_mesh(icosphere(2), "off"))}
     for address in ("/shapes", "/query"):
         answer = service.client.post(address, files=file)
-        assert "kernels are compiled" in assert_problem(answer, 503, "busy")["detail"]
+        assert "kernels are compiled" in assert_problem(answer, 503, "not-ready")["detail"]
         assert int(answer.headers["Retry-After"]) > 0
     monkeypatch.setattr(app, "is_compiled", lambda parameters: True)
     assert service.client.post("/shapes", files=file).status_code == 201
