@@ -142,8 +142,10 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
 def _only_json(files: Package) -> str:
     """Return the name of the one glTF in a ZIP."""
     names = [name for name in files.names() if name.endswith(".gltf") and not name.startswith("__macosx/")]
-    if len(names) != 1:
-        raise MalformedMeshError(f"the ZIP holds {len(names)} files that end with .gltf, and not one")
+    if not names:
+        raise MalformedMeshError("the ZIP holds no file that ends with .gltf")
+    if len(names) > 1:
+        raise MalformedMeshError(f"the ZIP holds {len(names)} files that end with .gltf: send one of them")
     return names[0]
 
 

@@ -151,8 +151,8 @@ def _reading(data: bytes, format: Format) -> Iterator[None]:
         with np.errstate(all="ignore"):
             yield
     except (MalformedMeshError, NoTrianglesError):
-        kind = recognised_text(data)
-        if kind is not None and kind is not format:
+        kind = recognised_text(data) or recognised(data)
+        if isinstance(kind, Format) and kind is not format:
             raise _misnamed(kind, format) from None
         raise
     except CoreError:

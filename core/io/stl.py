@@ -70,6 +70,8 @@ def _of_another_length(data: bytes, declared: int, limits: Limits) -> Content:
         )
     facets = declared if rest and 0 < declared < whole else whole
     warning = f"the STL declares {declared} triangles and has bytes for {whole}; {facets} are read"
+    if declared == whole:
+        warning = "the STL goes on after its last triangle; the rest is left out"
     return _binary(data, facets, limits, *([warning] if rest or facets != declared else []))
 
 

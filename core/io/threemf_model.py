@@ -26,7 +26,7 @@ _HARMLESS = {
 # The other extensions, by the part of their namespace that names them.
 _EXTENSIONS = {
     "beamlattice": "beam lattice",
-    "securecontent": "secure content, which encrypts it",
+    "securecontent": "secure content (encryption)",
     "booleanoperations": "boolean operations",
     "displacement": "displacement",
     "implicit": "implicit functions",

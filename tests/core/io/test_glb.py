@@ -385,6 +385,19 @@ BAD = {
 }
 
 
+@pytest.mark.parametrize(
+    ("names", "reason"),
+    [
+        (["3D/3dmodel.model"], "format 3MF, .*ending .3mf"),
+        (["a.png"], "no file that ends"),
+        (["a.gltf", "b.gltf"], "2 files that end"),
+    ],
+)
+def test_a_zip_without_the_one_gltf(names, reason):
+    with pytest.raises(MalformedMeshError, match=reason):
+        read_mesh(zipped(dict.fromkeys(names, BESIDE)), "glb")
+
+
 @faulty(BAD)
 def test_bad(data, error):
     with pytest.raises(error):
