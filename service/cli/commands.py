@@ -130,6 +130,9 @@ def _in_one_line(command: Callable[Arguments, None]) -> Callable[Arguments, None
             fail(str(error))
         except BrokenExecutor:
             fail("a worker process died; there may be too little memory for so many")
+        except BrokenPipeError:
+            # The reader, such as head, has enough; the command line ends without a word.
+            raise
         except OSError as error:
             name = f"{error.filename}: " if error.filename is not None else ""
             fail(f"{name}{error.strerror or error}")

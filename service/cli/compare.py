@@ -165,9 +165,11 @@ def _print_groups(answer: DuplicatesAnswer) -> None:
             groups.add_row(str(number), member.shape.name, member.likeness, *numbers)
     output().print(groups)
     for number, group in enumerate(answer.groups, 1):
+        names = {member.shape.id: member.shape.name for member in group}
         for member in group:
             if member.difference is not None:
+                other = names.get(member.compared_with or "", member.compared_with)
                 first = member.compared_with == group[0].shape.id
-                compared = "" if first else f"; compared with {member.compared_with}"
+                compared = "" if first else f"; compared with {other}"
                 line = f"{number} {member.shape.name}: {member.difference.text}{compared}"
                 output().print(line, soft_wrap=True)

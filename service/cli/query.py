@@ -2,6 +2,7 @@
 
 import csv
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +18,7 @@ from service.duplicates.schemas import without_formula
 from service.search.schemas import (
     CC_OF_PAIRS,
     QueryAnswer,
+    Result,
     SearchOptions,
     likeness_in_words,
     score_in_words,
@@ -26,7 +28,29 @@ from service.shapes.schemas import box_in_words, in_unit, number_in_words
 if TYPE_CHECKING:
     from rich.console import Console
 
-COLUMNS = ("file", "rank", "id", "name", "likeness", "cc", "ssd", "sim", "combined", "scale")
+COLUMNS: dict[str, Callable[[Result], object]] = {
+    "rank": lambda result: result.rank,
+    "id": lambda result: result.shape.id,
+    "name": lambda result: result.shape.name,
+    "tags": lambda result: ", ".join(result.shape.tags),
+    "likeness": lambda result: result.likeness,
+    "instances": lambda result: result.instances and result.instances.text,
+    "scale": lambda result: result.scale,
+    "difference": lambda result: result.difference and result.difference.text,
+    "cc": lambda result: result.cc,
+    "ssd": lambda result: result.ssd,
+    "sim": lambda result: result.sim,
+    "combined": lambda result: result.combined,
+    "part_distance": lambda result: result.part_distance,
+    "size_ratio": lambda result: result.size_ratio,
+    "unit": lambda result: result.shape.unit,
+    "length": lambda result: result.shape.facts.bounding_box[0],
+    "width": lambda result: result.shape.facts.bounding_box[1],
+    "height": lambda result: result.shape.facts.bounding_box[2],
+    "area": lambda result: result.shape.facts.area,
+    "volume": lambda result: result.shape.facts.volume if result.shape.facts.closed else None,
+}
+"""The columns of a row after that of the file, which are those of the page."""
 
 # Correspondences are asked for the page; the JSON leaves them out.
 UNASKED = {name: {"__all__": {"correspondence"}} for name in ("results", "parts")}
@@ -80,17 +104,16 @@ def _print_rows(client: Client, path: Path, options: dict[str, Any]) -> None:
     """Print the results of a file, or of all meshes of a folder, as CSV, and tell of unusable files."""
     refused = 0
     rows = csv.writer(sys.stdout, lineterminator="\n")
-    rows.writerow(COLUMNS)
+    rows.writerow(["file", *COLUMNS])
     paths = [file.path for file in find_meshes([path]).files]
     for file, answer in answers(client, paths, **options):
         if isinstance(answer, str):
             refused += 1
             say(f"{file}: {answer}")
             continue
-        for result in answer.results:
-            names = file, result.rank, result.shape.id, result.shape.name, result.likeness
-            scores = result.cc, result.ssd, result.sim, result.combined, result.scale
-            rows.writerow([without_formula(str(cell)) for cell in names] + [*scores])
+        for result in answer.found:
+            cells = [str(file), *(value(result) for value in COLUMNS.values())]
+            rows.writerow([without_formula(cell) if isinstance(cell, str) else cell for cell in cells])
         sys.stdout.flush()
     say(f"{len(paths) - refused} of {len(paths)} files queried")
     if refused:

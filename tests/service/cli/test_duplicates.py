@@ -2,14 +2,18 @@
 
 import csv
 import io
+from itertools import pairwise
 
 import pytest
 
 from core.io import write_mesh
 from core.mesh.mesh import Mesh
+from service.cli.compare import _print_groups
 from service.client import Client
 from service.duplicates import service
-from service.duplicates.schemas import COLUMNS
+from service.duplicates.schemas import COLUMNS, Duplicate, DuplicatesAnswer
+from service.search.local_difference import LocalDifference
+from service.shapes.schemas import Shape
 from tests.gallery import make_shape
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.studies.copies import moved
@@ -75,3 +79,25 @@ def test_the_command_asks_until_all_shapes_are_judged(
     assert archive.duplicates().unjudged
     done = run("duplicates", "--scaled", "--url", archive.url)
     assert "3 of 3 shapes in 1 groups" in done.stderr
+
+
+def test_the_shape_that_a_variant_is_compared_with_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    shapes = [Shape.model_construct(id=f"id of {name}", name=name) for name in ("first", "second", "third")]
+    corner = (0.0, 0.0, 0.0)
+    difference = LocalDifference(
+        point=corner, low=corner, high=corner, distance=1.0, sides=(corner, corner), area=1.0
+    )
+    others = [(shapes[0], None, None), *((b, difference, a.id) for a, b in pairwise(shapes))]
+    group = [
+        Duplicate.model_construct(
+            **{"shape": shape, "likeness": "variant", "scale": 1.0, "cc": 1.0, "residual": 0.0},
+            **{"difference": differs, "compared_with": other},
+        )
+        for shape, differs, other in others
+    ]
+    _print_groups(DuplicatesAnswer.model_construct(groups=[group]))
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-2].startswith("1 second: ")
+    assert "compared" not in lines[-2]
+    assert lines[-1].startswith("1 third: ")
+    assert lines[-1].endswith("; compared with second")

@@ -1,6 +1,7 @@
 """`isoshape query`, and which service a command talks to."""
 
 import csv
+import errno
 import hashlib
 import io
 import json
@@ -8,11 +9,15 @@ import re
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from core.io import read_mesh, write_mesh
 from core.mesh.mesh import Mesh
+from service import web
 from service.auth.keys import digest_of
 from service.cli import file_queries, service_address
+from service.cli.commands import _in_one_line, plain_app
+from service.cli.query import COLUMNS
 from service.client import Client
 from service.search import endpoints
 from service.search.schemas import QueryAnswer, SearchOptions
@@ -189,6 +194,22 @@ def test_bad_settings_are_named(
     assert "Traceback" not in done.stderr
 
 
+def test_the_columns_are_those_of_the_page() -> None:
+    script = (Path(web.__file__).parent / "static" / "results.js").read_text()
+    columns = script.partition("const COLUMNS = [")[2].partition("];")[0]
+    assert re.findall(r'^ *\["(\w+)"', columns, re.MULTILINE) == list(COLUMNS)
+
+
+def test_a_reader_that_has_enough_ends_a_command_in_silence() -> None:
+    def write() -> None:
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    app = plain_app()
+    app.command()(_in_one_line(write))
+    done = CliRunner().invoke(app)
+    assert (done.exit_code, done.output) == (1, "")
+
+
 def test_a_folder_is_queried_by_batches(
     archive: Client, cup: Path, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,6 +225,9 @@ def test_a_folder_is_queried_by_batches(
     assert set(rows) == {"one.off", "two.off"}
     assert (rows["one.off"]["id"], rows["one.off"]["name"]) == (stored.id, "'=cup")
     assert (rows["one.off"]["likeness"], float(rows["one.off"]["cc"])) == ("same", pytest.approx(1.0))
+    sides = [float(rows["one.off"][side]) for side in ("length", "width", "height")]
+    assert sides == stored.facts.bounding_box
+    assert (rows["one.off"]["unit"], rows["one.off"]["difference"]) == ("", "")
     assert float(rows["two.off"]["cc"]) < 0.999
     # A batch that is refused is sent file by file.
     monkeypatch.setattr(endpoints.QUERIES, "_most_files", 1)
