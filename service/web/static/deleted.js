@@ -2,6 +2,7 @@
 
 import { address, ask } from "./api.js";
 import { button, byId, make, showError } from "./dom.js";
+import { moment } from "./facts.js";
 
 /** @import { DeletedPage, DeletedShape } from "./types.js" */
 
@@ -161,7 +162,7 @@ function append() {
 const line = (shape) => make(
   "li", {},
   make("span", { className: "name" }, shape.name),
-  make("span", {}, "Deleted ", moment(shape.deleted_at), ", can be restored until ", moment(shape.gone_at)),
+  make("span", {}, "Deleted ", marked(shape.deleted_at), ", can be restored until ", marked(shape.gone_at)),
   make(
     "div", { className: "buttons" },
     button("Restore", () => restore([shape]), `Restore ${shape.name}`),
@@ -170,7 +171,7 @@ const line = (shape) => make(
 );
 
 /** @param {string} time */
-const moment = (time) => make("time", { dateTime: time }, new Date(time).toLocaleString());
+const marked = (time) => make("time", { dateTime: time }, moment(time));
 
 box.addEventListener("toggle", () => {
   if (box.open) recount();

@@ -29,6 +29,11 @@ const DAY = new Intl.DateTimeFormat("en", { dateStyle: "medium" });
 /** The day of a time, such as "Jan 31, 2026". @param {string} time */
 export const day = (time) => DAY.format(new Date(time));
 
+const MOMENT = new Intl.DateTimeFormat("en", { dateStyle: "medium", timeStyle: "short" });
+
+/** A time, such as "Jan 31, 2026, 4:05 PM". @param {string} time */
+export const moment = (time) => MOMENT.format(new Date(time));
+
 /**
  * Names and values of the measures of a mesh, and their unit.
  * @param {Mesh} mesh

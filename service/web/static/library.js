@@ -2,6 +2,7 @@
 
 import { address, ask } from "./api.js";
 import { button, byId, make, showError } from "./dom.js";
+import { moment } from "./facts.js";
 import { current } from "./state.js";
 
 /** @import { Source, SourceFilePage } from "./types.js" */
@@ -51,10 +52,10 @@ function show(sources) {
 
 /** @param {Source} source */
 function item(source) {
-  const { id, name, path, state, detail, counts, scanned_at } = source;
+  const { id, name, path, state, detail, counts, scan, scanned_at } = source;
   const busy = state === "scanning" || state === "waiting";
   const scanned = scanned_at === null ? "never"
-    : make("time", { dateTime: scanned_at }, new Date(scanned_at).toLocaleString());
+    : make("time", { dateTime: scanned_at }, moment(scanned_at));
   const made = make(
     "li", {},
     make("span", { className: "name" }, name),
@@ -70,6 +71,9 @@ function item(source) {
     ["missing", counts.missing], ["refused", counts.refused], ["unreadable", counts.unreadable],
   ])) {
     if (count > 0) made.append(files(id, kind, count));
+  }
+  for (const [place, reason] of Object.entries(scan.unread)) {
+    made.append(make("p", { className: "warning" }, `${place} is left out: ${reason}`));
   }
   return made;
 }

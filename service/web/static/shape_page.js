@@ -4,7 +4,7 @@ import { address, changeShape, collection, readShape, session, version } from ".
 import { card } from "./card.js";
 import { showSingle, storedGlb } from "./comparison.js";
 import { button, byId, make, showError } from "./dom.js";
-import { measures, textOf } from "./facts.js";
+import { measures, moment, textOf } from "./facts.js";
 import { tagsIn } from "./fields.js";
 import { readGlb } from "./glb.js";
 import { showSuggestions } from "./suggestions.js";
@@ -43,8 +43,8 @@ function showRecord(read) {
     ...measures(shape, null),
     ["file", `${format.toUpperCase()}, ${Math.ceil(bytes / 1000).toLocaleString("en")} kB`],
     ["collection", collection || "default"],
-    ["stored", new Date(created_at).toLocaleString()],
-    ["changed", new Date(updated_at).toLocaleString()],
+    ["stored", moment(created_at)],
+    ["changed", moment(updated_at)],
   ]);
   list("metadata", Object.entries(metadata).map(([key, value]) => [key, textOf(value)]));
 }

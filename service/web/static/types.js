@@ -42,7 +42,7 @@
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
  * @typedef {{ undo: object }} MergedShape
- * @typedef {{ found: number, done: number }} Scan
+ * @typedef {{ found: number, done: number, unread: Record<string, string> }} Scan
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
  *             counts: { present: number, missing: number, refused: number, unreadable: number },
  *             scanned_at: string | null }} Source

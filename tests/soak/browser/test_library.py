@@ -17,6 +17,7 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
     root = tmp_path / "models"
     put(root / "a.off", small_file(1))
     put(root / "bad.off", b"no mesh")
+    put(root / "cut.zip", b"PK\3\4")
     with Library.of(service, root) as library:
         page = visit.open("library")
         row = page.locator("#sources > li")
@@ -24,6 +25,7 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         expect(row.locator(".path")).to_have_text(str(root))
         row.get_by_text("1 refused").click()
         expect(row.locator(".files li")).to_contain_text("bad.off: ")
+        expect(row.locator(".warning")).to_contain_text("cut.zip is left out: ")
         assert serious(page) == []
 
         root.rename(tmp_path / "away")
