@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from service.cli.model_options import with_options
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import Client, ClientError
+from service.client import Client, ClientError, ProblemError
 from service.console import fail, output, say, table
 from service.shapes.records import Sort
 from service.shapes.schemas import (
@@ -74,12 +74,12 @@ def show_command(
     """Show all that is stored about shapes."""
     with service_at(url, key, collection) as client:
         found = _found(client, shapes)
-    if as_json:
-        _print_json(found)
-        return
-    for shape in found:
-        for name, value in _described(shape):
-            typer.echo(f"{name:<14} {value}")
+        if as_json:
+            _print_json(found)
+            return
+        for shape in found:
+            for name, value in [*_described(shape), *_on_disk(client, shape)]:
+                typer.echo(f"{name:<14} {value}")
 
 
 def tag_command(
@@ -187,6 +187,20 @@ def _described(shape: Shape) -> list[tuple[str, str]]:
         ("stored", f"{shape.created_at:%Y-%m-%d %H:%M} UTC, changed {shape.updated_at:%Y-%m-%d %H:%M} UTC"),
         *(("warning", warning) for warning in shape.warnings),
     ]
+
+
+def _on_disk(client: Client, shape: Shape) -> Iterator[tuple[str, str]]:
+    """Yield the paths of a shape in the library, unless the key may not see them."""
+    try:
+        sources = client.sources().sources
+    except ProblemError as error:
+        if error.kind != "forbidden":
+            raise
+        return
+    for source in sources:
+        for file in client.source_files(source.id, shape_id=shape.id):
+            state = "" if file.state == "present" else f" ({file.state})"
+            yield "in the library", f"{source.path}/{file.path}{state}"
 
 
 def _print_json(shapes: Sequence[BaseModel]) -> None:

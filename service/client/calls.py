@@ -491,10 +491,12 @@ def follow_source(source_id: str, *, seconds: float = 1.0) -> Call[Step[Source]]
     return source(source_id).then(step)
 
 
-def source_files(source_id: str, *, state: FileState | None = None) -> Call[Step[SourceFile]]:
-    """List the files of a source with their states."""
+def source_files(
+    source_id: str, *, state: FileState | None = None, shape_id: str | None = None
+) -> Call[Step[SourceFile]]:
+    """List the files of a source, or of one shape, with their states."""
     path = f"{_source(source_id)}/files"
-    return pages(path, SourceFilePage, lambda answer: answer.files, state=state)
+    return pages(path, SourceFilePage, lambda answer: answer.files, state=state, shape_id=shape_id)
 
 
 def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call[Source]:

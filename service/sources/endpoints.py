@@ -36,6 +36,7 @@ class SourceFileListing(PageOptions):
     """A page of a source's files."""
 
     state: FileState | None = Field(default=None, description="Only files in this state.")
+    shape_id: Id | None = Field(default=None, description="Only files of this shape: where it is on disk.")
 
 
 @router.get(SOURCES, summary="List sources", responses=documented(*READ_PROBLEMS))
@@ -96,7 +97,13 @@ def list_source_files(
     after = read_cursor(listing.cursor)
     with container.database.read() as session:
         return service.list_files(
-            session, collection.number, source_id, listing.state, after=after, limit=listing.limit
+            session,
+            collection.number,
+            source_id,
+            listing.state,
+            listing.shape_id,
+            after=after,
+            limit=listing.limit,
         )
 
 

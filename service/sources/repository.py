@@ -98,18 +98,34 @@ def counts(session: ReadSession, number: int) -> dict[str, int]:
 
 
 def files(
-    session: ReadSession, number: int, state: FileState | None, *, after: int, limit: int
-) -> list[Row[SourceFileRow, str | None]]:
-    """Return the next files of a source after the file with a number, each with the id of its shape."""
+    session: ReadSession,
+    number: int,
+    state: FileState | None,
+    shape_id: str | None,
+    *,
+    after: int,
+    limit: int,
+) -> tuple[int, list[Row[SourceFileRow, str | None]]]:
+    """Return the number of a source's files in a state and of a shape, and the next ones.
+
+    These come after the file with the number `after`, each with the id of its shape.
+    """
+    wanted = [SourceFileRow.source_number == number]
+    if state is not None:
+        wanted.append(SourceFileRow.state == state)
+    if shape_id is not None:
+        shape_number = select(ShapeRow.number).where(ShapeRow.id == shape_id).scalar_subquery()
+        wanted.append(SourceFileRow.shape_number == shape_number)
+    total = session.scalars(select(func.count()).select_from(SourceFileRow).where(*wanted)).one()
     shape = ShapeRow.number == SourceFileRow.shape_number
     query = (
         select(SourceFileRow, ShapeRow.id)
         .outerjoin(ShapeRow, shape & NOT_DELETED)
-        .where(SourceFileRow.source_number == number, SourceFileRow.number > after)
+        .where(*wanted, SourceFileRow.number > after)
         .order_by(SourceFileRow.number)
         .limit(limit)
     )
-    return list(session.execute(query if state is None else query.where(SourceFileRow.state == state)))
+    return total, list(session.execute(query))
 
 
 def change(session: WriteSession, number: int, values: Mapping[str, Any]) -> None:

@@ -85,17 +85,17 @@ def list_files(
     collection: CollectionNumber,
     source_id: str,
     state: FileState | None,
+    shape_id: str | None,
     *,
     after: int,
     limit: int,
 ) -> SourceFilePage:
-    """Return one page of the files of a source."""
+    """Return one page of the files of a source, in a state and of a shape if these are given."""
     source = _row(session, collection, source_id)
-    rows = repository.files(session, source.number, state, after=after, limit=limit + 1)
-    counts = repository.counts(session, source.number)
+    total, rows = repository.files(session, source.number, state, shape_id, after=after, limit=limit + 1)
     return SourceFilePage(
         files=[SourceFile.of(file, shape_id) for file, shape_id in rows[:limit]],
-        total=sum(counts.values()) if state is None else counts.get(state, 0),
+        total=total,
         next_cursor=write_cursor(rows[limit - 1][0].number) if len(rows) > limit else None,
     )
 

@@ -1,6 +1,6 @@
 // The page of a stored shape: in 3D, its record, its file in any format, and its text, which can be edited.
 
-import { address, changeShape, collection, readShape, session, version } from "./api.js";
+import { address, ask, changeShape, collection, readShape, session, version } from "./api.js";
 import { card } from "./card.js";
 import { showSingle, storedGlb } from "./comparison.js";
 import { button, byId, make, showError } from "./dom.js";
@@ -9,7 +9,7 @@ import { tagsIn } from "./fields.js";
 import { readGlb } from "./glb.js";
 import { showSuggestions } from "./suggestions.js";
 
-/** @import { Shape, Version } from "./types.js" */
+/** @import { Shape, Source, SourceFilePage, Version } from "./types.js" */
 
 const form = byId("edit", HTMLFormElement);
 const open = byId("edit-open", HTMLButtonElement);
@@ -27,7 +27,10 @@ export async function showShape(id) {
   byId("similar", HTMLAnchorElement).href = address("", { shape_id: id });
   byId("about", HTMLElement).hidden = false;
   open.hidden = access !== "full";
-  if (access === "full") suggest();
+  if (access === "full") {
+    suggest();
+    showPaths(id).catch((error) => showError(errorBox, error));
+  }
   const { canvas, item } = card(shape.name, [], null);
   byId("cards", HTMLElement).append(item);
   showSingle(canvas, readGlb(await storedGlb(id)));
@@ -47,6 +50,18 @@ function showRecord(read) {
     ["changed", moment(updated_at)],
   ]);
   list("metadata", Object.entries(metadata).map(([key, value]) => [key, textOf(value)]));
+}
+
+/** Show where the shape is in the library. @param {string} id */
+async function showPaths(id) {
+  /** @type {{ sources: Source[] }} */
+  const { sources } = await (await ask(address("sources"))).json();
+  const found = await Promise.all(sources.map(async ({ id: source, path: folder }) => {
+    /** @type {SourceFilePage} */
+    const { files } = await (await ask(address(`sources/${source}/files`, { shape_id: id }))).json();
+    return files.map(({ path, state }) => `${folder}/${path}${state === "present" ? "" : ` (${state})`}`);
+  }));
+  list("paths", found.flat().map((path) => ["in the library", path]));
 }
 
 /** Show what similar shapes have and this one lacks. */

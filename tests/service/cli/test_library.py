@@ -27,6 +27,17 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     assert f"{folder}/bad.off: " in added.stderr
     (shape,) = archive.shapes()
     assert (shape.name, shape.tags) == ("a.off", TAGS[:-1])
+    put(folder / "deep" / "copy.off", small_file(1))
+    assert run("library", "rescan", *at).status == 0
+    places = {f"in the library {folder}/{path}" for path in ("a.off", "deep/copy.off")}
+    assert places <= set(run("show", "a.off", *at).stdout.splitlines())
+    (source,) = archive.sources().sources
+    assert not [*archive.source_files(source.id, shape_id=shape.id, state="missing")]
+    assert not [*archive.source_files(source.id, shape_id=source.id)]
+    (folder / "deep" / "copy.off").unlink()
+    (folder / "deep").rmdir()
+    assert run("library", "rescan", *at).status == 0
+    assert "copy.off" not in run("show", "a.off", *at).stdout
     assert "is the source 'models' already" in run("library", "add", folder, *at).stderr
 
     folder.rename(tmp_path / "away")

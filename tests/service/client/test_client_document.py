@@ -75,7 +75,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ),
     ("source", ("id",), {}, "GET /sources/{source_id}"),
     ("follow_source", ("id",), {"seconds": 0.0}, "GET /sources/{source_id}"),
-    ("source_files", ("id",), {"state": "missing"}, "GET /sources/{source_id}/files"),
+    ("source_files", ("id",), {"state": "missing", "shape_id": "id"}, "GET /sources/{source_id}/files"),
     ("set_source_rules", ("id", {"p/": ["b"]}), {}, "PUT /sources/{source_id}/rules"),
     ("rescan_source", ("id",), {}, "POST /sources/{source_id}/rescan"),
     ("confirm_source", ("id",), {}, "POST /sources/{source_id}/confirm"),

@@ -40,6 +40,9 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         library.rescan()
         page.reload()
         expect(row).to_contain_text("1 files, up to date")
+        page.goto(f"{visit.here}/shapes/{library.shapes()['a.off']}/view")
+        expect(page.locator("#paths dd")).to_have_text(f"{root}/a.off")
+        page = visit.open("library")
         # A press waits for the scan that it begins.
         put(root / "b.off", small_file(2))
         page.get_by_role("button", name="Rescan").click()

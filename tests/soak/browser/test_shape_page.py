@@ -34,7 +34,8 @@ def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> No
     told = terms(page, "#facts")
     assert (told["collection"], told["file"].partition(",")[0]) == ("default", "PLY")
     assert told["faces"] == f"{shape['facts']['faces']:,}"
-    stored = page.evaluate("time => new Date(time).toLocaleString()", shape["created_at"])
+    parts = "{month: 'short', day: 'numeric', year: 'numeric', hour: 'numeric', minute: '2-digit'}"
+    stored = page.evaluate(f"time => new Date(time).toLocaleString('en', {parts})", shape["created_at"])
     assert told["stored"] == stored
     assert terms(page, "#metadata") == {
         "source": "scan",
