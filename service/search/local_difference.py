@@ -11,6 +11,9 @@ SIDES = ("length", "width", "height")
 EXTENT = 0.5
 """Sides differ if they do by more than this share of the largest distance; chord errors are less."""
 
+LEAST_EXTENT = 0.01
+"""They also do by more than this share of the longest side, however large a hole or a boss is."""
+
 LEAST_RATIO = 5e-5
 """Ratios of volumes, and of areas, nearer to 1 are told as equal."""
 
@@ -77,9 +80,10 @@ class LocalDifference(BaseModel):
     def _lengths(self) -> list[str]:
         """Return the sides that the second has longer or shorter."""
         told = []
+        least = min(EXTENT * self.distance, LEAST_EXTENT * self.sides[0][0])
         for name, before, after in zip(SIDES, *self.sides, strict=True):
             change = abs(after - before)
-            if change > EXTENT * self.distance:
+            if change > least:
                 digits = _digits(change)
                 told.append(f"{name} {_rounded(after, digits)} instead of {_rounded(before, digits)}")
         return told

@@ -14,12 +14,13 @@ from tests.service.support import Running, query
 from tests.studies.copies import moved
 from tests.studies.machine_parts import Drawing, extruded
 
+SIDES = (60.0, 40.0, 6.0)
 HOLE = LocalDifference(
     point=(10.0, 5.0, 3.0),
     low=(6.02, 1.01, -0.0004),
     high=(14.01, 8.99, 6.0),
     distance=3.0,
-    sides=((60.0, 40.0, 6.0), (60.001, 40.0, 6.0)),
+    sides=(SIDES, (60.001, 40.0, 6.0)),
     volume=0.9786,
     area=1.002,
     through_holes=(4, 3),
@@ -36,8 +37,12 @@ def test_the_words_tell_holes_lengths_place_box_and_volume() -> None:
     assert words(through_holes=(1, 0)).startswith("no through holes instead of 1, at")
     moved = words(through_holes=(4, 4), volume=1.00001)
     assert moved == "surfaces up to 3 apart, at (10, 5, 3), in a box of 8 × 8 × 6; equal volume"
-    longer = {"through_holes": (4, 4), "distance": 1.0, "sides": ((60.0, 40.0, 6.0), (61.0, 40.0, 5.4))}
-    assert words(**longer).startswith("length 61 instead of 60, height 5.4 instead of 6, at (")
+    changed = {"through_holes": (4, 4), "distance": 1.0, "sides": (SIDES, (61.0, 40.0, 5.4))}
+    assert words(**changed).startswith("length 61 instead of 60, height 5.4 instead of 6, at (")
+    # A hole of radius 3 hides neither a thinner plate nor a longer one.
+    thinner, longer = words(sides=(SIDES, (60.0, 40.0, 5.0))), words(sides=(SIDES, (61.0, 40.0, 6.0)))
+    assert thinner.startswith("3 through holes instead of 4, height 5 instead of 6, at (")
+    assert longer.startswith("3 through holes instead of 4, length 61 instead of 60, at (")
     assert words(through_holes=None, volume=None).endswith(" × 6; 0.2 % more area")
     place = {"low": (0.0011, -0.002, 0.0), "high": (0.0021, 0.002, 0.0), "distance": 0.00123}
     assert "at (0.0016, 0, 0), in a box of 0.001 × 0.004 × 0;" in words(**place)
