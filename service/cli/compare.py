@@ -10,7 +10,8 @@ import typer
 
 from service.cli.landmarks import read_landmarks, transferred_csv
 from service.cli.service_address import Collection, Key, Url, service_at
-from service.client import calls
+from service.cli.shapes import shapes_named
+from service.client import Client, calls
 from service.client.calls import Compared
 from service.console import fail, output, progress, say, table
 from service.duplicates.schemas import DuplicatesAnswer
@@ -19,8 +20,8 @@ from service.search.schemas import likeness_in_words, score_in_words
 
 
 def compare_command(
-    first: Annotated[str, typer.Argument(metavar="A", help="A mesh file, or the id of a stored shape.")],
-    second: Annotated[str, typer.Argument(metavar="B", help="Another file or id.")],
+    first: Annotated[str, typer.Argument(metavar="A", help="A mesh file, or a stored shape's id or name.")],
+    second: Annotated[str, typer.Argument(metavar="B", help="Another one.")],
     *,
     out: Annotated[
         Path | None,
@@ -49,9 +50,9 @@ def compare_command(
     """Compare two shapes, vertex by vertex with --out."""
     if picture and out is None:
         fail("--picture writes beside the arrays: give --out FILE.npz", status=2)
-    pair = _shape(first), _shape(second)
     marks = None if landmarks is None else read_landmarks(landmarks)
     with service_at(url, key, collection, new=True) as client:
+        pair = _shape(client, first), _shape(client, second)
         if marks is None:
             answer = client.compare(*pair)
         else:
@@ -89,10 +90,10 @@ def _say_ambiguous(maps: int) -> None:
         say(f"ambiguous: {maps} maps fit about equally well; landmarks of both shapes tell them apart")
 
 
-def _shape(argument: str) -> Compared:
-    """Return a file, if there is one with this name, or else an id."""
+def _shape(client: Client, argument: str) -> Compared:
+    """Return a file, if there is one with this name, or else the id of a stored shape."""
     path = Path(argument)
-    return path if path.is_file() else argument
+    return path if path.is_file() else shapes_named(client, [argument], "file or shape")[0].id
 
 
 def _line(answer: CompareAnswer) -> str:

@@ -73,7 +73,7 @@ def show_command(
 ) -> None:
     """Show all that is stored about shapes."""
     with service_at(url, key, collection) as client:
-        found = _found(client, shapes)
+        found = shapes_named(client, shapes)
         if as_json:
             _print_json(found)
             return
@@ -97,7 +97,7 @@ def tag_command(
     if not (add or remove):
         fail("give --add TAG or --remove TAG", status=2)
     with service_at(url, key, collection) as client:
-        for shape in _found(client, shapes):
+        for shape in shapes_named(client, shapes):
             tags = [tag for tag in dict.fromkeys([*shape.tags, *(add or [])]) if tag not in (remove or [])]
             changed = client.update(shape.id, tags=tags)
             say(f"{changed.name}: {', '.join(changed.tags) or 'no tags'}")
@@ -115,7 +115,7 @@ def delete_command(
 ) -> None:
     """Delete shapes."""
     with service_at(url, key, collection) as client:
-        for shape in _found(client, shapes):
+        for shape in shapes_named(client, shapes):
             client.delete(shape.id, permanent=permanent)
             say(f"deleted {shape.name}" + ("" if permanent else f"; isoshape restore {shape.id}"))
 
@@ -130,13 +130,13 @@ def restore_command(
             say(f"restored {client.restore(shape.id).name}")
 
 
-def _found(client: Client, texts: Sequence[str]) -> list[Shape]:
+def shapes_named(client: Client, texts: Sequence[str], kind: str = "shape") -> list[Shape]:
     """Return the stored shapes that ids or names name; nothing is changed before all of them are found.
 
     Raise ClientError if a text names no shape, or several.
     """
     return [
-        client.shape(text) if _is_id(text) else _chosen(text, client.shapes(name=text), "shape")
+        client.shape(text) if _is_id(text) else _chosen(text, client.shapes(name=text), kind)
         for text in texts
     ]
 

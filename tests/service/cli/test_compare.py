@@ -33,6 +33,9 @@ def test_a_file_and_a_stored_shape(archive: Client, ball: Path, run: Run, tmp_pa
     assert done.status == 0
     assert done.stdout.strip() == "Same part: cc 1.0000, ssd 0.0000, sim 1.0000, combined 1.0000"
     assert f"wrote {out}" in done.stderr
+    assert run("compare", ball, "stored.off", "--url", archive.url).stdout == done.stdout
+    missing = run("compare", ball, "no.stl", "--url", archive.url)
+    assert (missing.status, "no file or shape has the id or the name 'no.stl'" in missing.stderr) == (1, True)
     count = len(read_mesh(small_file(1), "off").vertices)
     with np.load(out) as arrays:
         assert arrays["vertices"].tolist() == list(range(count))
