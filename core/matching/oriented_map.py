@@ -81,9 +81,9 @@ def candidate_maps(
     order = np.argsort(-(scores + AGREEMENT_WEIGHT * np.abs(agreements)), kind="stable")
     first = order[order < searched]
     kept = _different(partners, first[preserving[first]], most)
+    kept = _different(partners, np.append(kept, order[preserving[order]]).astype(np.int64), most + most // 2)
     reversing = first[(fitting & ~preserving)[first]]
     others = _different(partners, reversing, most // 2 if kept else most)
-    kept = _different(partners, np.append(kept, order[preserving[order]]).astype(np.int64), most + most // 2)
     # The only maps that fit may be reversing ones that symmetries of the second shape show.
     chosen = kept + others or _different(partners, order[fitting[order]], most)
     mirrored = [not preserving[which] for which in chosen]

@@ -9,7 +9,7 @@ from core.embedding import NO_ORIENTATION
 from core.evaluation.correspondence_errors import REMESHED, surface_distances, symmetric_error
 from core.matching import oriented_map
 from core.mesh.mesh import Mesh
-from core.pipeline import Pipeline
+from core.pipeline import MAPS, Pipeline
 from tests.core.shapes import icosphere
 from tests.gallery import make_body
 
@@ -116,3 +116,28 @@ def test_the_only_map_that_fits_may_reverse_orientation(monkeypatch):
     turned = replace(two, orientation=-two.orientation)
     kinds = [PIPELINE.correspondences(one, other)[1] for other in (two, turned)]
     assert sorted(kinds) == [[False], [True]]
+
+
+def test_half_as_many_maps_reverse_where_symmetries_of_the_second_shape_alone_show_the_others(monkeypatch):
+    """The search and the symmetries of the first octopus find reflections alone, and every map fits."""
+    body = make_body("octopus", 0, vertices=600)
+    one, two = (PIPELINE.embed(body.posed(pose), ()) for pose in (0, 1))
+    search, compose, agreements = oriented_map._maps, oriented_map._composed, oriented_map._agreements
+
+    def reflections(x, maps):
+        signs = agreements(x, maps, (one.orientation, two.orientation), domain=1)
+        return tuple(each[signs < 0.0] for each in maps)
+
+    def searched(x, y, rounds):
+        maps = search(x, y, rounds)
+        return maps if x is y else reflections(x, maps)
+
+    def composed(x, y, rounds, maps, *, of_second):
+        found = compose(x, y, rounds, maps, of_second=of_second)
+        return found if of_second else reflections(x, found)
+
+    monkeypatch.setattr(oriented_map, "_maps", searched)
+    monkeypatch.setattr(oriented_map, "_composed", composed)
+    monkeypatch.setattr(oriented_map, "FITS_AS_WELL", 1.0)
+    kinds = PIPELINE.correspondences(one, two)[1]
+    assert len(kinds) > sum(kinds) == MAPS // 2
