@@ -7,16 +7,18 @@ wrong pairs are outvoted, and what the six dimensions of the embedding cannot te
 around a limb, the higher eigenfunctions can. Each map is fitted to the nearest neighbours of both surfaces,
 there and back, as in the bijective ZoomOut (Ren, Melzi, Wonka and Ovsjanikov, "Discrete optimization for
 shape matching", 2021). Maps grow from several first sizes and from several correspondences of samples, which
-may be mirror images of each other or turned about a long axis. At full size the map is kept which brings the
-two surfaces' functions closest, nearly commutes with their Laplacians, as isometries do, and brings ridges
-to ridges and hollows to hollows: a turned map of a body preserves lengths and orientation, and its mean
-curvature tells front from back. A map that reverses orientation is kept if it brings functions closer nearly
-everywhere: one shape is then like the mirror image of the other. The kept map may grow further, with mean
-curvatures beside the functions, which draw ridges to ridges.
+may be mirror images of each other or turned about a long axis; if none fits, from the signs of the first
+functions too. At full size the map is kept which brings the two surfaces' functions closest, nearly commutes
+with their Laplacians, as isometries do, and brings ridges to ridges and hollows to hollows: a turned map of
+a body preserves lengths and orientation, and its mean curvature tells front from back. A map that reverses
+orientation is kept if it brings functions closer nearly everywhere: one shape is then like the mirror image
+of the other. The kept map may grow further, with mean curvatures beside the functions, which draw ridges to
+ridges.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +52,11 @@ and by how much they grow."""
 EARLY, LATE_STEP = 40, 20
 """Size at which the best of the maps from one correspondence of samples is chosen, and by how much it then
 grows."""
+
+UNFIT, SIGNED = -10.0, (4, 5)
+"""Least cost of the maps of `EARLY` functions from the samples, above which the signs of so many first
+functions, the constant one counted, give further starts: wrong maps of individuals cost 2 to 25, right ones
+less."""
 
 ISOMETRIC, COMMUTING = 100.0, 60
 """Weight of the commutator of map and Laplacians beside the residual, and the number of functions in it."""
@@ -249,6 +256,7 @@ def functional_map(
     if mirrored is not None:
         signs[: len(mirrored)] = np.where(mirrored, -1.0, 1.0)
     small: list[Floats] = []
+    least = np.inf
     for start, sign in zip(known, signs, strict=True):
         # Grow a map from each first size, and keep the best of one start.
         sizes = [size for size in STARTS if size <= min(largest, len(start))] or [min(largest, STARTS[0])]
@@ -261,7 +269,12 @@ def functional_map(
             )
             for size in sizes
         ]
-        small.append(min(grown, key=lambda rotation: _fit(*few, rotation, held).cost(sign)))
+        early = [_fit(*few, rotation, held).cost(sign) for rotation in grown]
+        small.append(grown[int(np.argmin(early))])
+        least = min(least, *early)
+    if least > UNFIT:
+        small += _from_signs(*few, min(EARLY, largest), held)
+        signs = np.append(signs, np.zeros(len(small) - len(signs)))
     # Choose among the starts at full size, where mean curvature tells a turned map from the right one.
     whole = min(FUNCTIONS, largest)
     maps = [
@@ -325,6 +338,32 @@ def _different(first: Basis, second: Basis, maps: Sequence[Floats]) -> list[Ints
         if all(each > DIFFERENT**2 for each in apart):
             kept.append(partners)
     return kept
+
+
+def _from_signs(first: Basis, second: Basis, size: int, held: Held | None) -> list[Floats]:
+    """Return the best map of each orientation that grows from the signs of the first functions alone.
+
+    Between unlike individuals the samples may miss the right map. Small maps grow by one function at a time:
+    larger steps lose it.
+    """
+    small = min(size, STARTS[-1])
+    maps = [
+        _upsampled(
+            first,
+            second,
+            np.diag([1.0, *signs]),
+            [*range(count + 1, small + 1), *_sizes(small, size, STEP)],
+            held,
+        )
+        for count in SIGNED
+        if count <= size
+        for signs in product((1.0, -1.0), repeat=count - 1)
+    ]
+    fits = [_fit(first, second, rotation, held) for rotation in maps]
+    reverses = [fit.agreement < 0.0 for fit in fits]
+    costs = np.array([fit.cost() for fit in fits])
+    kinds = [np.equal(reverses, kind) for kind in sorted(set(reverses))]
+    return [maps[int(np.where(kind, costs, np.inf).argmin())] for kind in kinds]
 
 
 def _by_distances(first: Basis, second: Basis, landmarks: Ints) -> Ints:

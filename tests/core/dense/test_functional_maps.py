@@ -77,6 +77,15 @@ def test_a_pose_with_its_vertices_in_another_order(body, shuffled, wrong):
         assert (errors < 0.1).mean() > 0.98
 
 
+def test_pairs_that_are_all_wrong(body, shuffled):
+    """The signs of the first functions give the right map."""
+    order, here, there = shuffled
+    random = np.random.default_rng(0)
+    pairs = np.stack([random.permutation(len(order))[:100] for _ in range(2)], axis=1)
+    found = np.argsort(order)[functional_map(here, there, pairs).partners(here, there)]
+    assert surface_distances(body)[found, np.arange(len(order))].mean() < 0.02
+
+
 def test_a_mesh_of_fewer_vertices_than_functions():
     solid = trimesh.creation.box((1.0, 2.0, 3.0)).subdivide()
     mesh = Mesh(solid.vertices, solid.faces)
