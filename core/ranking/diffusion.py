@@ -27,9 +27,11 @@ MOST_NODES = 1_000
 DAMPING = 0.8
 """Probability of a further step of the walk."""
 
-DECAY = 0.25
-"""A link weighs the probability of its pair, times exp(-`DECAY`) for each unit of log odds below the shape's
-best link. Probabilities saturate: without this factor, individuals of one kind would be one cluster."""
+DECAY, NARROWEST, WIDEST = 2.0, 1e-6, 8.0
+"""A link weighs the probability of its pair, times exp(-`DECAY`) for each spread of log odds below the
+shape's best link. The spread, from `NARROWEST` to `WIDEST`, is that of the shape's links (self-tuning
+affinities: L. Zelnik-Manor, P. Perona, NIPS 2004). Log odds between individuals of one kind differ by
+tenths, far up where probabilities are 1: without this factor they would be one cluster."""
 
 LEAST_FLOW, LOG_ODDS_WEIGHT = 1e-6, 0.125
 """A contextual score is log(flow + `LEAST_FLOW`) + `LOG_ODDS_WEIGHT` log odds."""
@@ -122,8 +124,11 @@ def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
 
 def link_weights(log_odds: Floats) -> Floats:
     """Return weights of links, shape (n, k), from log odds, the greatest first in each row."""
-    best = np.where(np.isfinite(log_odds[:, :1]), log_odds[:, :1], 0.0)
-    return np.asarray(expit(log_odds) * np.exp(DECAY * (log_odds - best)))
+    linked = np.isfinite(log_odds)
+    best = np.where(linked[:, :1], log_odds[:, :1], 0.0)
+    last = np.minimum(best, np.min(log_odds, axis=1, keepdims=True, initial=np.inf, where=linked))
+    spread = np.clip(best - last, NARROWEST, WIDEST)
+    return np.asarray(expit(log_odds) * np.exp(DECAY * (log_odds - best) / spread))
 
 
 def nearest_rows(log_odds: Floats) -> NeighbourRows:

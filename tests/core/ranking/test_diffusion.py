@@ -11,9 +11,11 @@ from core.ranking.diffusion import (
     LOG_ODDS_WEIGHT,
     NEIGHBOURS,
     NOBODY,
+    WIDEST,
     NeighbourRows,
     all_contextual_scores,
     contextual_scores,
+    link_weights,
     nearest_rows,
     query_flow,
 )
@@ -39,7 +41,9 @@ def slow_flow(log_odds, query):
     for i in range(count):
         nearest = sorted((j for j in range(count) if j != i), key=lambda j: -log_odds[i, j])[:LINKED]
         for j in nearest:
-            weights[i, j] = expit(log_odds[i, j]) * np.exp(DECAY * (log_odds[i, j] - log_odds[i, nearest[0]]))
+            best, last = log_odds[i, nearest[0]], log_odds[i, nearest[-1]]
+            fall = DECAY * (best - log_odds[i, j]) / min(best - last, WIDEST)
+            weights[i, j] = expit(log_odds[i, j]) * np.exp(-fall)
     weights = (weights + weights.T) / 2
     degrees = weights.sum(axis=1)
     inverse = np.linalg.inv(np.eye(count) - DAMPING * weights / np.sqrt(np.outer(degrees, degrees)))
@@ -73,6 +77,12 @@ def test_the_far_end_of_a_class_comes_before_nearer_shapes_of_others():
         found.append((classes[first] == classes[:, None]).mean())
     assert found[0] < 0.85
     assert found[1] > 0.98
+
+
+@pytest.mark.parametrize("spread", [0.01, 0.1, WIDEST])
+def test_links_of_any_spread_of_log_odds_weigh_alike(spread):
+    weights = link_weights(40.0 + spread * np.array([[0.0, -0.25, -1.0, -np.inf]]))
+    assert weights[0] == pytest.approx([1.0, np.exp(-DECAY / 4), np.exp(-DECAY), 0.0])
 
 
 def test_the_order_of_the_shapes_makes_no_difference():
