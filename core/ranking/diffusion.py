@@ -27,7 +27,7 @@ MOST_NODES = 1_000
 DAMPING = 0.8
 """Probability of a further step of the walk."""
 
-DECAY, NARROWEST, WIDEST = 2.0, 1e-6, 8.0
+DECAY, NARROWEST, WIDEST = 3.0, 1e-6, 12.0
 """A link weighs the probability of its pair, times exp(-`DECAY`) for each spread of log odds below the
 shape's best link. The spread, from `NARROWEST` to `WIDEST`, is that of the shape's links (self-tuning
 affinities: L. Zelnik-Manor, P. Perona, NIPS 2004). Log odds between individuals of one kind differ by

@@ -76,7 +76,7 @@ def test_the_far_end_of_a_class_comes_before_nearer_shapes_of_others():
         first = np.argsort(-others, axis=1)[:, : EACH - 1]
         found.append((classes[first] == classes[:, None]).mean())
     assert found[0] < 0.85
-    assert found[1] > 0.98
+    assert found[1] > 0.97
 
 
 @pytest.mark.parametrize("spread", [0.01, 0.1, WIDEST])
