@@ -63,29 +63,17 @@ def encoded_points(coordinates: Float32s, regions: Int32s) -> bytes:
     return data + bytes(-len(data) % 4)
 
 
-def points_length(data: bytes) -> int:
-    """Return the number of bytes of the quantised points that the data begin with.
-
-    Raise ValueError if the data do not begin with quantised points.
-    """
-    d, m, columns = np.frombuffer(data, np.int32, HEAD).tolist()
-    if not (1 <= m <= d and columns >= 1):
-        raise ValueError(f"{d} points of {m} samples in {columns} columns")
-    length = 4 * HEAD + (8 + np.dtype(_kind(d, m)).itemsize * m) * columns + (d - m) * (2 + columns)
-    length += -length % 4
-    if length > len(data):
-        raise ValueError(f"{len(data)} bytes of {length}")
-    return int(length)
-
-
 def decoded_points(data: bytes) -> tuple[Float32s, Int32s]:
     """Return the coordinates, shape (d, c), and the regions, shape (d,), of `encoded_points`.
 
     Raise ValueError for other bytes, a coordinate that is not finite, or a region of no sample.
     """
-    if len(data) != points_length(data):
-        raise ValueError("not the bytes of quantised points")
     d, m, columns = np.frombuffer(data, np.int32, HEAD).tolist()
+    if not (1 <= m <= d and columns >= 1):
+        raise ValueError(f"{d} points of {m} samples in {columns} columns")
+    length = 4 * HEAD + (8 + np.dtype(_kind(d, m)).itemsize * m) * columns + (d - m) * (2 + columns)
+    if len(data) != length + -length % 4:
+        raise ValueError(f"{len(data)} bytes of {length}")
     start = 4 * HEAD
     units = np.frombuffer(data, np.float32, 2 * columns, start).reshape(2, columns)
     start += units.nbytes

@@ -35,7 +35,7 @@ from service.storage.database import ReadSession
 log = get_logger("search")
 
 KEPT_RECORDS = 512
-"""Most embedding records that a query keeps, of 30 to 70 kB each."""
+"""Most embedding records that a query keeps, of 30 to 60 kB each."""
 
 SECONDS, WARM_SECONDS = 0.5, 0.05
 """Seconds between looks for new shapes, and for a warm worker."""

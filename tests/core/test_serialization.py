@@ -18,10 +18,10 @@ from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.views import VIEW_BYTES
 from core.embedding import NO_ORIENTATION, Embedding, Spectrum
 from core.errors import BadRecordError
-from core.matching.quantised_points import points_length, rounded
+from core.matching.quantised_points import rounded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes, points_in
+from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
 from core.spectral.spectral_embedding import SPECTRUM
 from tests.core.shapes import FACTS as CLOSED
 from tests.core.shapes import blob
@@ -114,13 +114,13 @@ def refused(data, match=None):
 
 
 def inflated(record):
-    """The arrays beside the points of a record."""
-    return load(zlib.decompress(record[points_length(record) :]))
+    """The arrays of a record."""
+    return {name: columns.T.copy() for name, columns in load(zlib.decompress(record)).items()}
 
 
 def saved(arrays):
-    """A record of the points of an embedding and of other arrays beside them."""
-    return points_in(embedding_to_bytes(embedding())) + zlib.compress(save(arrays))
+    """The record of arrays, which are stored by columns."""
+    return zlib.compress(save({name: array.T.copy() for name, array in arrays.items()}))
 
 
 def arrays_with(header=None, **others):
@@ -157,7 +157,7 @@ def test_other_bytes_are_refused(data):
 
 def test_a_record_that_inflates_to_too_many_bytes_is_refused(monkeypatch):
     data = embedding_to_bytes(embedding())
-    monkeypatch.setattr(serialization, "MOST_BYTES", len(zlib.decompress(data[points_length(data) :])) - 1)
+    monkeypatch.setattr(serialization, "MOST_BYTES", len(zlib.decompress(data)) - 1)
     refused(data, "cut short")
 
 
@@ -165,7 +165,7 @@ OPTIONAL = {"eigenvalues", "network_views"}
 
 
 @pytest.mark.parametrize(
-    "missing", ["header", *BESIDE, *sorted(DESCRIPTORS.keys() - OPTIONAL), "eigenvalues_0"]
+    "missing", ["header", "points", *BESIDE, *sorted(DESCRIPTORS.keys() - OPTIONAL), "eigenvalues_0"]
 )
 def test_a_record_without_one_of_its_arrays_is_refused(missing):
     arrays = arrays_with()
