@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
+from core.arrays import Bytes, Float32s, Floats, Int8s, Int16s, Ints
 from core.embedding import Embedding, Scores
 from core.errors import IncompatibleEmbeddingsError, ParameterError
-from core.matching.kernels.match_record import HEAD, ONE, MatchRecord
+from core.matching.kernels.match_record import HEAD, ONE, ROOT, MatchRecord
 from core.matching.kernels.one_to_many import MATCH_RECORD, compare_many
 from core.matching.kernels.spline_search import SearchRounds
 from core.matching.quantised_points import encoded_points
@@ -35,7 +35,7 @@ def embedding_key(embedding: Embedding) -> bytes:
 
 
 def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
-    """Return the match record of an embedding, float32, shape (l,), about 42 kB.
+    """Return the match record of an embedding, float32, shape (l,), about 31 kB.
 
     The bytes are the same only while linear algebra runs on one thread: see `core.numerics.guarding`. Raise
     IncompatibleEmbeddingsError for an embedding of other parameters, and ParameterError for parameters whose
@@ -53,8 +53,8 @@ def match_record(embedding: Embedding, parameters: Parameters) -> Float32s:
 def encoded(record: MatchRecord) -> Float32s:
     """Return a match record as one array, float32, shape (l,), which `decoded` of the kernels reads.
 
-    The points are quantised (`core.matching.quantised_points`); of symmetric matrices the lower triangles are
-    kept.
+    The points are quantised (`core.matching.quantised_points`); of the symmetric operators the lower
+    triangles are kept.
     """
     b, j, s = record.searched.shape
     m, (d, columns) = len(record.offsets) - 1, record.points.shape
@@ -64,8 +64,8 @@ def encoded(record: MatchRecord) -> Float32s:
     head = np.zeros(HEAD, dtype=np.int32)
     head[:7] = m, len(points), s, b, columns // b, j, record.operators.shape[1]
     head[7:11] = record.key
-    triangles = _lower_triangles(record.operators), _lower_triangles(record.warp)
-    return np.concatenate([_floats(array) for array in (head, record.radius, points, *triangles)])
+    arrays = head, record.radius, points, _lower_triangles(record.operators), record.warp
+    return np.concatenate([_floats(array) for array in arrays])
 
 
 def _lower_triangles(matrices: Int16s) -> Int16s:
@@ -108,7 +108,7 @@ def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) 
         operators=_quantised(splines),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=_quantised(softer),
+        warp=np.stack([_cube_roots(matrix) for matrix in softer]),
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
         key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
@@ -117,6 +117,12 @@ def make_match_record(embedding: Embedding, key: bytes, parameters: Parameters) 
 def _quantised(matrices: Sequence[Floats]) -> Int16s:
     """Return matrices of entries in [-1, 1], stacked, in whole numbers over `ONE`."""
     return np.rint(np.clip(np.stack(matrices), -1.0, 1.0) * ONE).astype(np.int16)
+
+
+def _cube_roots(matrix: Floats) -> Int8s:
+    """Return the cube roots of the entries below the diagonal, of magnitude at most 1, over `ROOT`."""
+    roots = np.rint(np.cbrt(matrix[np.tril_indices(len(matrix), -1)]) * ROOT)
+    return np.asarray(np.clip(roots, 1 - ROOT, ROOT - 1), dtype=np.int8)
 
 
 def search_rounds(parameters: Parameters) -> SearchRounds:
@@ -186,7 +192,7 @@ def example_match_records(parameters: Parameters) -> list[Float32s]:
             operators=np.zeros((domains, j - wanted.first_dimensions + 1, s, s), dtype=np.int16),
             offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
             members=np.argsort(regions, kind="stable").astype(np.int32),
-            warp=np.zeros((domains, m, m), dtype=np.int16),
+            warp=np.zeros((domains, m * (m - 1) // 2), dtype=np.int8),
             radius=np.ones(domains, dtype=np.float32),
             key=np.full(4, seed, dtype=np.int32),
         )

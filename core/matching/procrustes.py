@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from core.arrays import Float32s, Floats, Int8s, Ints
 from core.embedding import Embedding, Match, Scores
-from core.matching.kernels.match_record import MatchRecord, decoded, dequantised, precedes
+from core.matching.kernels.match_record import MatchRecord, decoded, lower_triangle, precedes
 from core.matching.kernels.one_to_many import MATCH_RECORD
 from core.matching.match_records import (
     compared,
@@ -51,14 +51,22 @@ def one_to_one_pairs(
     matches = np.arange(m)
     if not same:
         matches = linear_sum_assignment(cdist(ends, targets, "sqeuclidean"))[1]
-    x, y = ends[:, :k], targets[matches, :k]
-    distances = np.linalg.norm(dequantised(first.warp[0]) @ y - y, axis=1)
+    misses = (targets[matches] - ends)[:, :k]
+    distances = _left(first, misses)
     if m == n:
-        inverse = np.argsort(matches)
-        back = np.linalg.norm(dequantised(second.warp[0]) @ x[inverse] - x[inverse], axis=1)
-        distances = 0.5 * (distances + back[matches])
+        distances = 0.5 * (distances + _left(second, misses[np.argsort(matches)])[matches])
     gamma = EFFECTIVE * 0.5 * float(first.radius[0] + second.radius[0])
     return matches.astype(np.int64), distances, distances <= gamma
+
+
+def _left(shape: MatchRecord, misses: Floats) -> Floats:
+    """Return how far the softer spline of the first domain leaves samples from their partners, shape (m,).
+
+    It reproduces affine maps, so the differences of pairs after the map, shape (m, k), tell.
+    """
+    lower = lower_triangle(shape.warp[0], len(misses)).astype(np.float64)
+    others = lower + lower.T
+    return np.asarray(np.linalg.norm(others @ misses - others.sum(axis=1)[:, None] * misses, axis=1))
 
 
 class ProcrustesMatcher:

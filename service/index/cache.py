@@ -18,7 +18,7 @@ from core.ranking.local_density import DensitySample, LocalDensities, densities_
 
 Value = TypeVar("Value")
 
-ABOUT = 43_000
+ABOUT = 32_000
 """Bytes of a match record, before one is known."""
 
 

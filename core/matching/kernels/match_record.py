@@ -4,12 +4,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.arrays import Float32s, Int16s, Int32s
+from core.arrays import Float32s, Int8s, Int16s, Int32s
 from core.matching.kernels.points import points_of, sorted_regions
 from core.numerics.compilation import kernel
 
 ONE = 32767
 """The integer that stands for 1 in a spline's matrix, whose entries lie in [-1, 1]."""
+
+ROOT = 128
+"""The integer that stands for the cube root of 1: most entries of the softer spline are small, and roots keep
+small numbers finer than large ones."""
 
 HEAD = 12
 """Numbers before the arrays, int32: m, bytes of the points, s, b, k, j, splines of a domain, and the key."""
@@ -29,8 +33,9 @@ class MatchRecord(NamedTuple):
     offsets : int32, shape (m + 1,)
         Sample i's region is `members[offsets[i]:offsets[i + 1]]`.
     members : int32, shape (d,)
-    warp : int16, shape (b, m, m)
-        The softer spline of all samples, symmetric, over `ONE`.
+    warp : int8, shape (b, m (m - 1) / 2)
+        The softer spline of all samples: cube roots of the entries below the diagonal, row after row, over
+        `ROOT`. It is symmetric, and its rows sum to 1.
     radius : float32, shape (b,)
         Mean distance of the samples from their centroid.
     key : int32, shape (4,)
@@ -42,7 +47,7 @@ class MatchRecord(NamedTuple):
     operators: Int16s
     offsets: Int32s
     members: Int32s
-    warp: Int16s
+    warp: Int8s
     radius: Float32s
     key: Int32s
 
@@ -63,15 +68,14 @@ def decoded(record: Float32s) -> MatchRecord:
     length = (b * stages * (s * (s + 1) // 2) + 1) // 2
     operators = symmetric(record[start : start + length].view(np.int16), b * stages, s)
     start += length
-    length = (b * (m * (m + 1) // 2) + 1) // 2
-    warp = symmetric(record[start : start + length].view(np.int16), b, m)
+    warp = record[start:].view(np.int8)[: b * (m * (m - 1) // 2)]
     return MatchRecord(
         points,
         searched_columns(points, b, j, s),
         operators.reshape((b, stages, s, s)),
         offsets,
         members,
-        warp,
+        warp.reshape((b, m * (m - 1) // 2)),
         radius,
         head[7:11],
     )
@@ -89,6 +93,19 @@ def symmetric(triangles: Int16s, count: int, m: int) -> Int16s:
                 matrices[matrix, j, i] = triangles[place + j]
             place += i + 1
     return matrices
+
+
+@kernel
+def lower_triangle(roots: Int8s, m: int) -> Float32s:
+    """Return the entries of a matrix below the diagonal, shape (m, m), of their cube roots over `ROOT`."""
+    matrix = np.zeros((m, m), dtype=np.float32)
+    place = 0
+    for i in range(m):
+        for j in range(i):
+            root = np.float32(roots[place + j]) * np.float32(1.0 / ROOT)
+            matrix[i, j] = root * root * root
+        place += i
+    return matrix
 
 
 @kernel

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from core.arrays import Float32s, Floats, Int16s, Int32s
-from core.matching.kernels.match_record import ONE, MatchRecord
+from core.arrays import Float32s, Floats, Int8s, Int32s
+from core.matching.kernels.match_record import MatchRecord, lower_triangle
 from core.matching.kernels.nearest_neighbours import (
     cross_covariance,
     cross_covariance_both_ways,
@@ -15,12 +15,9 @@ from core.matching.kernels.nearest_neighbours import (
     number_bits,
 )
 from core.matching.kernels.procrustes import EXACT, ROUGH, fit_rotation
-from core.matching.kernels.simd import product
+from core.matching.kernels.simd import SIMD_WIDTH, product, symmetric_product
 from core.matching.kernels.spline_search import SearchRounds, search_maps
 from core.numerics.compilation import kernel
-
-FINEST = 8191
-"""The largest coordinate in integers, where the entries of a spline's matrix are at most `ONE`."""
 
 
 @kernel
@@ -184,20 +181,20 @@ def fit_map(
 
 @kernel
 def _effective_share(
-    warp: Int16s, targets: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
+    warp: Int8s, misses: Float32s, matches: Int32s, low: int, k: int, gamma: float, count: int
 ) -> float:
     """Return the number of distinct matches that the softer spline brings a point within gamma of, a share.
 
-    The share is of min(m, count). In integers: their sums may be taken in any order, and so by SIMD. A spline
-    makes no vector longer, so the largest coordinate after it is at most the root of m times the largest
-    before, and products stay under 2^31.
+    The share is of min(m, count). The spline reproduces affine maps of the samples, so it moves the partners
+    by as much as it moves their differences from the mapped samples. These are shorter than the partners: the
+    rounding of the spline matters less.
 
     Parameters
     ----------
-    warp : int16, shape (m, m)
-        The spline's matrix, over `ONE`.
-    targets : float32, shape (m, >= low + k)
-        The partners; their domain has the k columns from `low` on.
+    warp : int8, shape (m (m - 1) / 2,)
+        A row of `MatchRecord.warp`.
+    misses : float32, shape (m, >= low + k)
+        Partners less samples, both after the map; their domain has the k columns from `low` on.
     matches : int32, shape (m,)
         The samples that the partners belong to, each less than `count`.
     low, k : int
@@ -205,35 +202,24 @@ def _effective_share(
     count : int
     """
     m = len(matches)
-    # The partners in integers, by columns.
-    largest = np.float32(0.0)
+    # The differences and a column of ones, padded with zeros to whole vectors.
+    width = (k + SIMD_WIDTH) // SIMD_WIDTH * SIMD_WIDTH
+    points = np.zeros((m, width), dtype=np.float32)
     for i in range(m):
         for c in range(k):
-            largest = max(largest, abs(targets[i, low + c]))
-    finest = min(FINEST, math.floor(2**31 / ONE / math.sqrt(m)) - 1)
-    scale = np.float32(finest) / largest if largest > 0.0 else np.float32(0.0)
-    columns = np.empty((k, m), dtype=np.int16)
-    for i in range(m):
-        for c in range(k):
-            columns[c, i] = np.int16(np.floor(targets[i, low + c] * scale + np.float32(0.5)))
-    # Each partner after the spline. It is left as soon as its coordinates so far are too far away.
-    limit = np.float32((gamma * scale) ** 2)
+            points[i, c] = misses[i, low + c]
+        points[i, k] = np.float32(1.0)
+    moved = np.empty((m, width), dtype=np.float32)
+    symmetric_product(lower_triangle(warp, m), points, moved)
+    # A row of the spline sums to 1, so its diagonal follows from the sum of its other entries.
+    limit = np.float32(gamma * gamma)
     taken = np.zeros(count, dtype=np.bool_)
     share = 0.0
     for i in range(m):
-        if taken[matches[i]]:
-            continue
-        # Column after column of the spline's value, less the partner.
         square = np.float32(0.0)
         for c in range(k):
-            total = np.int32(0)
-            for j in range(m):
-                total = np.int32(total + np.int32(np.int32(warp[i, j]) * np.int32(columns[c, j])))
-            difference = np.float32(total) * np.float32(1.0 / ONE) - np.float32(columns[c, i])
-            square += difference * difference
-            if square > limit:
-                break
-        if square <= limit:
+            square += (moved[i, c] - moved[i, k] * points[i, c]) ** 2
+        if square <= limit and not taken[matches[i]]:
             taken[matches[i]] = True
             share += 1.0
     return share / min(m, count)
@@ -277,9 +263,11 @@ def score_pairs(
     product(x.points[:m], rotation, ends[:m])
     product(sources, rotation, ends[m:])
     targets = np.empty((m + n, columns), dtype=np.float32)
+    misses = np.empty((m + n, columns), dtype=np.float32)
     for i in range(m + n):
         for c in range(columns):
             targets[i, c] = partners[i, c] if i < m else y.points[i - m, c]
+            misses[i, c] = targets[i, c] - ends[i, c]
     # Sums of each column: of both sides, of their squares and products, and of the squared differences.
     sums = np.zeros((2, columns), dtype=np.float32)
     products = np.zeros((3, columns), dtype=np.float32)
@@ -291,7 +279,7 @@ def score_pairs(
             products[0, c] += ends[i, c] * ends[i, c]
             products[1, c] += targets[i, c] * targets[i, c]
             products[2, c] += ends[i, c] * targets[i, c]
-            differences[c] += (ends[i, c] - targets[i, c]) ** 2
+            differences[c] += misses[i, c] * misses[i, c]
     # The scores of each domain.
     share = np.float32(1.0) / np.float32(m + n)
     scores[:] = 0.0
@@ -311,5 +299,5 @@ def score_pairs(
             scores[0] += max(-1.0, min(1.0, float(cross) / size)) / blocks
         scores[1] += math.sqrt(difference) / (m + n) / blocks
         gamma = effective * 0.5 * (x.radius[block] + y.radius[block])
-        scores[2] += 0.5 * _effective_share(x.warp[block], partners, forward, low, k, gamma, n) / blocks
-        scores[2] += 0.5 * _effective_share(y.warp[block], sources, backward, low, k, gamma, m) / blocks
+        scores[2] += 0.5 * _effective_share(x.warp[block], misses[:m], forward, low, k, gamma, n) / blocks
+        scores[2] += 0.5 * _effective_share(y.warp[block], misses[m:], backward, low, k, gamma, m) / blocks

@@ -270,6 +270,37 @@ def _product(
 
 
 @kernel
+def symmetric_product(lower: Float32s, right: Float32s, out: Float32s) -> None:
+    """Write the product of a symmetric matrix and another, (lower + lower.T) @ right.
+
+    Parameters
+    ----------
+    lower : float32, shape (m, m), contiguous
+        Zeros above the diagonal.
+    right : float32, shape (m, n), contiguous
+        n is a multiple of SIMD_WIDTH.
+    out : float32, shape (m, n), contiguous
+        Written.
+    """
+    m, n = out.shape
+    turned = np.empty((m, n), dtype=np.float32)
+    if m < TILE_ROWS:
+        product(lower, right, out)
+        cross_product(lower, right, turned)
+    else:
+        # A tile of rows reads the columns up to its last row; turned, the rows from its first row on.
+        for i in range(0, m, TILE_ROWS):
+            row = min(i, m - TILE_ROWS)
+            for column in range(0, n, SIMD_WIDTH):
+                corner = row * n + column
+                _tile(out, corner, n, lower, row * m, m, 1, right, column, n, row + TILE_ROWS)
+                _tile(turned, corner, n, lower, row * m + row, 1, m, right, corner, n, m - row)
+    for i in range(m):
+        for j in range(n):
+            out[i, j] += turned[i, j]
+
+
+@kernel
 def squared_distance(points: Float32s, row: int, others: Float32s, other: int) -> np.float32:
     """Return the squared distance of a row of points, shape (n, k), and one of others, shape (m, k).
 

@@ -6,8 +6,8 @@ The two may differ if rounding decides between two neighbours, or if a map is no
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Ints, Reals
-from core.matching.kernels.match_record import ONE, MatchRecord
+from core.arrays import Float32s, Floats, Int8s, Ints, Reals
+from core.matching.kernels.match_record import ONE, ROOT, MatchRecord
 from core.matching.kernels.procrustes import EXACT, ROUGH
 from core.matching.kernels.spline_search import SearchRounds
 from core.matching.similarity import correlation, squared_difference
@@ -134,6 +134,15 @@ def best_map_reference(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> 
     return max(((score, rotation) for score, rotation, _, _ in tries), key=lambda end: end[0])
 
 
+def moved(warp: Int8s, points: Floats) -> Floats:
+    """How far a softer spline moves points (m, k), from the cube roots of its entries below the diagonal."""
+    spline = np.zeros((len(points), len(points)))
+    spline[np.tril_indices(len(points), -1)] = (warp / ROOT) ** 3
+    spline += spline.T
+    np.fill_diagonal(spline, 1.0 - spline.sum(axis=1))
+    return np.asarray(np.linalg.norm(spline @ points - points, axis=1))
+
+
 def score_pairs_reference(
     x: MatchRecord,
     y: MatchRecord,
@@ -149,12 +158,12 @@ def score_pairs_reference(
     ends = np.concatenate([x.points[:m], sources]) @ rotation
     targets = np.concatenate([partners, y.points[:n]])
     scores = []
+    first, second = np.split(targets - ends, [m])
     for block, columns in enumerate(np.split(np.arange(x.points.shape[1]), len(x.radius))):
         gamma = effective * 0.5 * (float(x.radius[block]) + float(y.radius[block]))
         shares = []
-        for warp, block_targets, matches in ((x.warp, partners, there), (y.warp, sources, back)):
-            own = block_targets[:, columns]
-            near = np.linalg.norm(warp[block] / ONE @ own - own, axis=1) <= gamma
+        for warp, misses, matches in ((x.warp, first, there), (y.warp, second, back)):
+            near = moved(warp[block], misses[:, columns]) <= gamma
             shares.append(len(np.unique(matches[near])) / min(m, n))
         one, other = ends[:, columns], targets[:, columns]
         scores.append((correlation(one, other), squared_difference(one, other), 0.5 * sum(shares)))

@@ -35,8 +35,8 @@ def test_a_match_record_holds_the_whole_shape(k, m, d, blocks):
         assert np.array_equal(array, expected)
 
 
-def test_the_match_record_of_a_full_shape_is_less_than_43_000_bytes():
-    assert encoded(random_record(1, 100, 500, K, 2)).nbytes < 43_000
+def test_the_match_record_of_a_full_shape_is_less_than_32_000_bytes():
+    assert encoded(random_record(1, 100, 500, K, 2)).nbytes < 32_000
 
 
 def test_many_are_matched_as_one_by_one_whichever_is_the_query(prepared):

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numba import TypingError
 
-from core.matching.kernels.simd import SIMD_WIDTH, SUMS, TILE_ROWS, cross_product, product, squared_distance
+from core.matching.kernels.simd import (
+    SIMD_WIDTH,
+    SUMS,
+    TILE_ROWS,
+    cross_product,
+    product,
+    squared_distance,
+    symmetric_product,
+)
 
 
 def drawn(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -27,6 +35,15 @@ def test_the_products_are_numpy_s(m: int, n: int, k: int) -> None:
     found[:] = np.nan
     cross_product(turned, right, found)
     assert found == pytest.approx(left[:, :k].astype(np.float64) @ right, abs=1e-5)
+
+
+@pytest.mark.parametrize("n", [SIMD_WIDTH, 2 * SIMD_WIDTH])
+@pytest.mark.parametrize("m", [1, TILE_ROWS - 1, TILE_ROWS, TILE_ROWS + 1, 30])
+def test_the_product_of_a_symmetric_matrix_is_numpy_s(m: int, n: int) -> None:
+    rng = np.random.default_rng(m * n)
+    lower, right, found = np.tril(drawn(rng, m, m)), drawn(rng, m, n), np.full((m, n), np.nan, np.float32)
+    symmetric_product(lower, right, found)
+    assert found == pytest.approx((lower + lower.T).astype(np.float64) @ right, abs=1e-5)
 
 
 def plain(one, other):
