@@ -86,7 +86,8 @@ class Tally:
     """Numbers of files and archives by their outcomes.
 
     Of `total` files and archives to send, `finished` have an outcome: shapes `created`, or `present` before,
-    `changed` of them with new tags or metadata. `refused` and `warnings` name files by their origin.
+    `changed` of them with new tags or metadata, and `ignored` files are of other formats. `refused` and
+    `warnings` name files by their origin.
     """
 
     total: int
@@ -94,6 +95,7 @@ class Tally:
     created: int = 0
     present: int = 0
     changed: int = 0
+    ignored: int = 0
     refused: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[tuple[str, str]] = field(default_factory=list)
     _said: float = field(default_factory=time.monotonic)
@@ -137,7 +139,9 @@ def store_archive(client: Client, path: Path, tags: Sequence[str], bar: "Progres
     tally.created += job.counts.stored
     tally.present += job.counts.present
     for file in client.job_files(sent.id, outcome="refused"):
-        if file.problem is not None:
+        if file.problem is not None and file.problem.type == f"{TYPE_PREFIX}unknown-format":
+            tally.ignored += 1
+        elif file.problem is not None:
             tally.refused.append((f"{path}: {file.path}", _said(file.problem)))
     if job.problem is not None:
         tally.refused.append((str(path), _said(job.problem)))
@@ -207,7 +211,7 @@ def ingest_command(
     stray = sorted(set(rows) - set(named.values()))
     if stray:
         say(f"{metadata}: no file has the name {', '.join(stray)}")
-    tally = Tally(len(items) + len(archives))
+    tally = Tally(len(items) + len(archives), ignored=meshes.ignored)
     stopped = False
     try:
         with service_at(url, key, collection, new=True) as client, progress() as bar:
@@ -221,7 +225,7 @@ def ingest_command(
                 store_archive(client, path, tag or [], bar, tally)
     except KeyboardInterrupt:
         stopped = True
-    left_out = f", {meshes.ignored} of other formats left out" if meshes.ignored else ""
+    left_out = f", {tally.ignored} of other formats left out" if tally.ignored else ""
     changed = f" ({tally.changed} with new tags or metadata)" if tally.changed else ""
     counts = f"{tally.created} stored, {tally.present} already there{changed}, {len(tally.refused)} refused"
     output().print(f"{counts}{left_out}", soft_wrap=True)

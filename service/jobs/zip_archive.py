@@ -200,6 +200,9 @@ class ZipArchive:
                 name = _checked_name(path)
                 paths.add(normalised)
                 _check_entry(entry, self._limits)
+                # As macOS adds one to each file, with the same ending.
+                if any(part.startswith(".") for part in normalised.split("/")):
+                    raise MemberError("unknown-format", "it is hidden, so that it is no mesh")
                 format_of(base_name(path))
                 members.append(ArchiveMember(shown_path, name, entry.size, None))
                 total += entry.size

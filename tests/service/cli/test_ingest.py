@@ -119,8 +119,11 @@ def test_an_archive_is_stored_by_a_job(archive: Client, tmp_path: Path, run: Run
     assert (done.status, done.stdout) == (1, "3 stored, 0 already there, 1 refused\n")
     assert done.stderr.splitlines()[1].startswith(f"{path}: bad/cut.off: malformed-mesh: ")
     assert {shape.name: shape.tags for shape in archive.shapes()} == {name: ["made"] for name in good}
-    path.write_bytes(pack(good))
-    assert run("ingest", path).stdout == "0 stored, 3 already there, 0 refused\n"
+    beside = {"README.md": b"# Cups", "images/cup.png": b"x", "__MACOSX/._cup.off": good["cup.off"]}
+    path.write_bytes(pack({**good, **beside}))
+    done = run("ingest", path)
+    left_out = "0 stored, 3 already there, 0 refused, 3 of other formats left out\n"
+    assert (done.status, done.stdout) == (0, left_out)
 
 
 def test_a_file_with_the_name_of_an_archive_that_is_none(archive: Client, tmp_path: Path, run: Run) -> None:

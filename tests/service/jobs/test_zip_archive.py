@@ -99,6 +99,8 @@ def test_names_that_lead_elsewhere_or_are_no_meshes() -> None:
         "inside.tar.gz": "nested-archive",
         "notes.txt": "unknown-format",
         "none": "unknown-format",
+        "__MACOSX/._good.off": "unknown-format",
+        ".trash/bad.off": "unknown-format",
     }
     kinds = faults(pack([(name, b"x") for name in names]))
     assert kinds == {name.replace("\x01", "\ufffd"): kind for name, kind in names.items()}
