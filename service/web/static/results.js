@@ -54,8 +54,7 @@ export async function showResults(asked, answer, count, isNew) {
   section.hidden = false;
   byId("results-summary", HTMLElement).textContent = summary(asked.name, answer);
   const warnings = byId("results-warnings", HTMLElement);
-  // The summary names the order.
-  const others = answer.warnings.filter((warning) => !warning.startsWith("the order is that of combined"));
+  const others = answer.warnings.filter((warning) => !warning.startsWith(OTHER_ORDER));
   warnings.hidden = others.length === 0;
   warnings.textContent = others.map(sentence).join(" ");
   const first = card(asked.name, ["Query", sizes(answer.query)], null);
@@ -119,6 +118,9 @@ async function repaint() {
 /** @param {string} text */
 const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 
+/** How the warning begins that an order is not known yet. The summary has the rest. */
+const OTHER_ORDER = "the order is that of combined";
+
 /** @param {string} name @param {Answer} answer */
 function summary(name, answer) {
   if (answer.compared === 0) return `There are no stored shapes to compare ${name} with, or none passes the filters.`;
@@ -126,9 +128,10 @@ function summary(name, answer) {
   const alike = answer.matched || answer.ranked_by === "part_distance";
   // The spin images of a part decide, whatever score is chosen.
   const order = answer.ranked_by === "part_distance" ? "part distance, the least first" : answer.ranked_by;
+  const reason = answer.warnings.find((warning) => warning.startsWith(OTHER_ORDER))?.slice(OTHER_ORDER.length) ?? "";
   const matched = alike ? "" : " No stored shape is similar to it; these are the closest.";
   return `${name} was compared with ${answer.compared} of ${answer.stored} stored shapes in ${seconds} s. `
-    + `The results are sorted by ${order}.${matched}`;
+    + `The results are sorted by ${order}${reason}.${matched}`;
 }
 
 /** @type {[string, (result: Result) => string | number | null][]} */

@@ -211,7 +211,7 @@ def test_the_query_can_be_stored_and_its_link_then_leads_to_the_results(
 
 def test_a_search_for_a_part_says_what_it_is_sorted_by(visit: Visit, tmp_path: Path) -> None:
     page = visit.find(file_in(tmp_path))
-    expect(page.locator("#results-summary")).to_contain_text("sorted by combined.")
+    expect(page.locator("#results-summary")).to_contain_text("sorted by combined: ")
     page.locator("#find-filters summary").click()
     page.get_by_label("The query is a part of a shape").check()
     expect(page.locator("#results-summary")).to_contain_text("sorted by part distance, the least first.")
