@@ -62,7 +62,10 @@ def library_command(
         fail("library rule needs --rule; --rule '' takes all rules away", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
         if action == "list":
-            _print(client.sources().sources)
+            listed = client.sources().sources
+            _print(listed)
+            if not listed:
+                say("no folders yet; `isoshape library add FOLDER` has the meshes of a folder here")
         elif action == "add":
             folder = str(Path(target or "").absolute())
             added = client.add_source(

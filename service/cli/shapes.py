@@ -173,6 +173,7 @@ def _described(shape: Shape) -> list[tuple[str, str]]:
     """Return the names and the values of a record."""
     facts, unit = shape.facts, shape.unit
     volume = in_unit(volume_in_words(facts), unit and f"{unit}³") if facts.closed else volume_in_words(facts)
+    pieces = "1 component" if facts.components == 1 else f"{facts.components:,} components"
     return [
         ("name", shape.name),
         ("id", shape.id),
@@ -183,7 +184,7 @@ def _described(shape: Shape) -> list[tuple[str, str]]:
         ("along x, y, z", in_unit(" × ".join(map(number_in_words, facts.file_box)), unit)),
         ("area", in_unit(number_in_words(facts.area), unit and f"{unit}²")),
         ("volume", volume),
-        ("mesh", f"{facts.vertices:,} vertices, {facts.faces:,} faces, {facts.components} components"),
+        ("mesh", f"{facts.vertices:,} vertices, {facts.faces:,} faces, {pieces}"),
         ("stored", f"{shape.created_at:%Y-%m-%d %H:%M} UTC, changed {shape.updated_at:%Y-%m-%d %H:%M} UTC"),
         *(("warning", warning) for warning in shape.warnings),
     ]

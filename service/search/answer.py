@@ -369,6 +369,6 @@ async def _unit_warnings(
     times = f"{factor:g}" if factor > 1.0 else f"1/{1.0 / factor:g}"
     are = "1 shape is" if number == 1 else f"{number} shapes are"
     return [
-        f"no shape has the size that was asked for, but {are} at {times} times it, most similar "
-        f"{nearest.shape.name!r} (cc {score_in_words(nearest.cc)}): the units of the files may differ"
+        f"no shape has the size that was asked for, but {are} {times} times as large (most similar: "
+        f"{nearest.shape.name!r}, cc {score_in_words(nearest.cc)}): the units of the files may differ"
     ]

@@ -60,7 +60,7 @@ function item(source) {
     "li", {},
     make("span", { className: "name" }, name),
     make("span", { className: "path" }, path),
-    make("span", {}, `${counts.present} files, ${WORDS[state](source)}. Last scan: `, scanned),
+    make("span", {}, `${counts.present} ${counts.present === 1 ? "file" : "files"}, ${WORDS[state](source)}. Last scan: `, scanned),
     make("div", { className: "buttons" }, act("rescan", "Rescan", source, busy)),
   );
   if (state === "offline") {

@@ -21,7 +21,7 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
     with Library.of(service, root) as library:
         page = visit.open("library")
         row = page.locator("#sources > li")
-        expect(row).to_contain_text("1 files, up to date")
+        expect(row).to_contain_text("1 file, up to date")
         expect(row.locator(".path")).to_have_text(str(root))
         row.get_by_text("1 refused").click()
         expect(row.locator(".files li")).to_contain_text("bad.off: ")
@@ -39,7 +39,7 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         (tmp_path / "away").rename(root)
         library.rescan()
         page.reload()
-        expect(row).to_contain_text("1 files, up to date")
+        expect(row).to_contain_text("1 file, up to date")
         page.goto(f"{visit.here}/shapes/{library.shapes()['a.off']}/view")
         expect(page.locator("#paths dd")).to_have_text(f"{root}/a.off")
         page = visit.open("library")
