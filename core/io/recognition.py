@@ -10,7 +10,7 @@ _DIRECTORY = 1 << 20
 # Kinds of files by their first bytes: what a person saves, downloads or exports in the place of a mesh.
 _KINDS = (
     (rb"version https://git-lfs\.github\.com", "a pointer of Git LFS: the file itself was not downloaded"),
-    (rb"(?is)\s*(?:<!--.*?-->\s*)?(?:<!doctype html|<html|<head)", "a page of the web (HTML)"),
+    (rb"(?is)\s*(?:<!--.*?-->\s*)?(?:<!doctype html|<html|<head)", "a web page (HTML)"),
     (rb"\x1f\x8b", "compressed (gzip)"),
     (rb"BZh[1-9]1AY&SY", "compressed (bzip2)"),
     (rb"\xfd7zXZ\0", "compressed (xz)"),
