@@ -8,12 +8,15 @@ from typing import Annotated, Any, TypeVar
 from uuid import UUID
 
 import typer
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from service.cli.model_options import with_options
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, ClientError, ProblemError
 from service.console import fail, output, say, table
+from service.http.problem_document import faults_of
+from service.shapes.bulk_schemas import BulkChange
+from service.shapes.fields import split_tags
 from service.shapes.records import Sort
 from service.shapes.schemas import (
     DeletedShape,
@@ -82,8 +85,11 @@ def show_command(
                 typer.echo(f"{name:<14} {value}")
 
 
+@with_options(Filters)
 def tag_command(
-    shapes: Names,
+    shapes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SHAPE...]", help="Ids of shapes, or their names.")
+    ] = None,
     *,
     add: Annotated[list[str] | None, typer.Option(metavar="TAG", help="Add this tag; repeatable.")] = None,
     remove: Annotated[
@@ -92,15 +98,39 @@ def tag_command(
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
+    options: dict[str, Any],
 ) -> None:
-    """Add tags to shapes, and remove tags."""
+    """Add tags to shapes, and remove tags.
+
+    The shapes are named, or they are all that pass a filter: those of a material, say, with
+    `--metadata material=steel`.
+    """
     if not (add or remove):
         fail("give --add TAG or --remove TAG", status=2)
+    if bool(shapes) == bool(options):
+        fail("name shapes, or give a filter such as --metadata KEY=VALUE", status=2)
     with service_at(url, key, collection) as client:
-        for shape in shapes_named(client, shapes):
+        if options:
+            _tag_all(client, options, add or [], remove or [])
+        for shape in shapes_named(client, shapes or []):
             tags = [tag for tag in dict.fromkeys([*shape.tags, *(add or [])]) if tag not in (remove or [])]
             changed = client.update(shape.id, tags=tags)
             say(f"{changed.name}: {', '.join(changed.tags) or 'no tags'}")
+
+
+def _tag_all(client: Client, filters: dict[str, Any], add: Sequence[str], remove: Sequence[str]) -> None:
+    """Change the tags of all shapes that pass filters; status 1 if a shape is refused."""
+    values = {**filters, "tag": split_tags(filters.get("tag", [])), "add_tags": add, "remove_tags": remove}
+    try:
+        wanted = BulkChange.model_validate({**values, "dry_run": False})
+    except ValidationError as error:
+        fail("; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors())), status=2)
+    done = client.update_all(wanted)
+    say(f"{done.changed} of {done.matched} shapes changed")
+    for shape in done.refused:
+        say(f"{shape.name} ({shape.id}): {shape.detail}")
+    if done.refused:
+        raise typer.Exit(1)
 
 
 def delete_command(

@@ -66,6 +66,21 @@ def test_tags_are_added_and_removed(archive: Client, stored: dict[str, Upload], 
     assert run("tag", "cup.off", "--url", archive.url).status == 2
 
 
+def test_shapes_are_tagged_by_a_filter(archive: Client, stored: dict[str, Upload], run: Run) -> None:
+    done = run("tag", "--metadata", "rev=b", "--add", "second", "--remove", "steel", "--url", archive.url)
+    assert (done.status, done.stderr.splitlines()[-1]) == (0, "1 of 1 shapes changed")
+    assert {shape.name: shape.tags for shape in archive.shapes()}[LONG] == ["second"]
+    both = run("tag", "--tag", "cup,made", "--add", "new", "--url", archive.url)
+    assert (both.status, [shape.name for shape in archive.shapes(tag=["new"])]) == (0, ["cup.off"])
+    archive.update(stored["cup.stl"].shape.id, tags=["cup", *map(str, range(31))])
+    full = run("tag", "--tag", "cup", "--add", "more", "--url", archive.url)
+    assert (full.status, "1 of 2 shapes changed" in full.stderr) == (1, True)
+    assert f"cup.stl ({stored['cup.stl'].shape.id}): " in full.stderr
+    for wrong in (["cup.off", "--tag", "cup"], [], ["--area", "wide"]):
+        assert run("tag", *wrong, "--add", "x", "--url", archive.url).status == 2
+    assert not list(archive.shapes(tag=["x"]))
+
+
 def test_what_is_deleted_can_be_restored(archive: Client, stored: dict[str, Upload], run: Run) -> None:
     done = run("delete", "cup.off", stored["cup.stl"].shape.id, "--url", archive.url)
     assert f"isoshape restore {stored['cup.off'].shape.id}" in done.stderr
