@@ -22,6 +22,7 @@ SCRIPTS = {
     "peers": (("--vertices", "600", "--repeats", "1"), {"embeddings": 5, "matches": 3}),
     "mirrored": (("--limit", "1", "--bodies", "1", "--vertices", "900"), {"mirrored": 2}),
     "words": (("--names", "200", "--times", "200"), {"words": 2}),
+    "decisions": (("--groups", "4"), {"decisions": 7}),
     "capacity": (
         ("--count", "20000", "--rows", "20000"),
         {"bytes": 6, "storing": 2, "search": 2, "graph": 1, "vectors": 16},
