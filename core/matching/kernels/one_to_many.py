@@ -92,7 +92,8 @@ def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Matc
     """
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
-    count = min(int(data[:4].view(np.int32)[0]), rounds.align_samples)
+    # Damaged samples may count below zero.
+    count = min(max(int(data[:4].view(np.int32)[0]), 0), rounds.align_samples)
     start = 4 + 4 * columns
     points = dequantised_points(data[start : start + count * columns], data[4:start].view(np.float32))
     samples = min(rounds.search_samples, count)

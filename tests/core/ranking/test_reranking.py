@@ -159,7 +159,10 @@ def test_shapes_that_match_well_rank_well(embeddings):
 @pytest.mark.parametrize("approximate", [coarse_ranking, rerank])
 def test_a_shape_without_samples_is_last(records, samples, approximate):
     nothing = np.zeros((1, samples.shape[1]), dtype=np.uint8)
-    assert approximate(records[0], nothing, DEFAULT).tolist() == [-1.0]
+    damaged = nothing.copy()
+    damaged[0, :4] = 255
+    for none in (nothing, damaged):
+        assert approximate(records[0], none, DEFAULT).tolist() == [-1.0]
     assert approximate(records[0], nothing[:0], DEFAULT).shape == (0,)
 
 
