@@ -45,8 +45,9 @@ _Faces = tuple[Ints | None, Ints | None]
 DAMPING = 1e-9
 """Relative damping, for surfaces that a motion leaves as they are."""
 
-OUTLIERS = 3
-"""Rank of the deviation that counts as the largest: a single probe may lie on a flaw of the mesh."""
+OUTLIERS = 6
+"""Rank of the deviation that counts as the largest: few probes may lie on flaws of a mesh. Each smooth region
+has more, whose mean deviation counts."""
 
 REGION_PROBES = 6
 """Least number of probes of a region whose mean deviation counts."""
