@@ -273,7 +273,7 @@ def functional_map(
         small.append(grown[int(np.argmin(early))])
         least = min(least, *early)
     if least > UNFIT:
-        small += _from_signs(*few, min(EARLY, largest), held)
+        small += _from_signs(*few, min(EARLY, largest), held, least)
         signs = np.append(signs, np.zeros(len(small) - len(signs)))
     # Choose among the starts at full size, where mean curvature tells a turned map from the right one.
     whole = min(FUNCTIONS, largest)
@@ -340,11 +340,11 @@ def _different(first: Basis, second: Basis, maps: Sequence[Floats]) -> list[Ints
     return kept
 
 
-def _from_signs(first: Basis, second: Basis, size: int, held: Held | None) -> list[Floats]:
+def _from_signs(first: Basis, second: Basis, size: int, held: Held | None, least: float) -> list[Floats]:
     """Return the best map of each orientation that grows from the signs of the first functions alone.
 
     Between unlike individuals the samples may miss the right map. Small maps grow by one function at a time:
-    larger steps lose it.
+    larger steps lose it. Maps that cost more than `least`, the best map from the samples, are left out.
     """
     small = min(size, STARTS[-1])
     maps = [
@@ -362,8 +362,8 @@ def _from_signs(first: Basis, second: Basis, size: int, held: Held | None) -> li
     fits = [_fit(first, second, rotation, held) for rotation in maps]
     reverses = [fit.agreement < 0.0 for fit in fits]
     costs = np.array([fit.cost() for fit in fits])
-    kinds = [np.equal(reverses, kind) for kind in sorted(set(reverses))]
-    return [maps[int(np.where(kind, costs, np.inf).argmin())] for kind in kinds]
+    best = [int(np.where(np.equal(reverses, kind), costs, np.inf).argmin()) for kind in sorted(set(reverses))]
+    return [maps[which] for which in best if costs[which] < least]
 
 
 def _by_distances(first: Basis, second: Basis, landmarks: Ints) -> Ints:
