@@ -123,12 +123,12 @@ def query_flow(links: Ints, link_log_odds: Floats, log_odds: Floats) -> Floats:
 
 
 def link_weights(log_odds: Floats) -> Floats:
-    """Return weights of links, shape (n, k), from log odds, the greatest first in each row."""
+    """Return weights of links, shape (n, k), from log odds; 0 where these are -inf, as beside `NOBODY`."""
     linked = np.isfinite(log_odds)
-    best = np.where(linked[:, :1], log_odds[:, :1], 0.0)
-    last = np.minimum(best, np.min(log_odds, axis=1, keepdims=True, initial=np.inf, where=linked))
-    spread = np.clip(best - last, NARROWEST, WIDEST)
-    return np.asarray(expit(log_odds) * np.exp(DECAY * (log_odds - best) / spread))
+    best = np.max(log_odds, axis=1, keepdims=True, initial=-np.inf, where=linked)
+    last = np.min(log_odds, axis=1, keepdims=True, initial=np.inf, where=linked)
+    below = np.subtract(best, log_odds, out=np.full(log_odds.shape, np.inf), where=linked)
+    return np.asarray(expit(log_odds) * np.exp(-DECAY * below / np.clip(best - last, NARROWEST, WIDEST)))
 
 
 def nearest_rows(log_odds: Floats) -> NeighbourRows:

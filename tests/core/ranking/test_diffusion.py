@@ -85,6 +85,12 @@ def test_links_of_any_spread_of_log_odds_weigh_alike(spread):
     assert weights[0] == pytest.approx([1.0, np.exp(-DECAY / 4), np.exp(-DECAY), 0.0])
 
 
+def test_links_that_are_missing_make_no_difference_to_others():
+    """As in a map of shapes that pass a filter."""
+    weights = link_weights(np.array([[-np.inf, 40.0, -np.inf, 39.0], [-np.inf] * 4]))
+    assert weights == pytest.approx(np.array([[0.0, 1.0, 0.0, np.exp(-DECAY)], [0.0] * 4]))
+
+
 def test_the_order_of_the_shapes_makes_no_difference():
     _, log_odds = collection(1)
     order = np.random.default_rng(2).permutation(len(log_odds))

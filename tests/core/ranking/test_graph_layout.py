@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from core.ranking.diffusion import NOBODY, nearest_rows
+from core.ranking.diffusion import NOBODY, NeighbourRows, nearest_rows
 from core.ranking.graph_layout import EXTENT, graph_positions
 
 CLUSTERS, EACH = 5, 12
@@ -41,6 +41,13 @@ def test_two_linked_shapes_come_nearer_and_two_others_part():
     linked = graph_positions(np.array([[1], [0]]), np.full((2, 1), 9.0), start)
     apart = graph_positions(nobody, impossible, start)
     assert np.linalg.norm(linked[1] - linked[0]) < EXTENT < 2.0 * EXTENT < np.linalg.norm(apart[1] - apart[0])
+
+
+def test_shapes_whose_nearest_neighbours_are_left_out_are_laid_out():
+    links = NeighbourRows(np.arange(2), np.array([[9, 1], [9, 0]]), np.array([[9.0, 8.0]] * 2)).links()
+    start = np.array([[0.0, 0.0], [1.0, 0.0]])
+    alone = [array[:, 1:] for array in links]
+    assert (graph_positions(*links, start) == graph_positions(*alone, start)).all()
 
 
 def test_one_shape_and_equal_positions_are_laid_out():
