@@ -6,6 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+from manifold3d import Manifold
 
 from core.descriptors.pieces import pieces
 from core.embedding import Embedding
@@ -35,7 +36,7 @@ from tests.gallery import make_body
 from tests.studies.copies import moved, quartered, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw
-from tests.studies.machine_parts import LONGER, Change, Drawing, Family, part
+from tests.studies.machine_parts import LONGER, Change, Drawing, Family, mesh_of, part
 
 PIPELINE = Pipeline()
 UNCOMPARED = Similarity(1.0, np.eye(3), np.zeros(3))
@@ -256,6 +257,16 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found is not None
     assert found.difference is not None
     assert found.scale == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_hole_of_a_hundredth_of_the_length_makes_a_variant() -> None:
+    """Few probes lie on its eight facets."""
+    plate = Manifold.cube((100.0, 70.0, 5.0))
+    hole = Manifold.cylinder(5.0, 0.5, circular_segments=8).translate((40.0, 30.0, 0.0))
+    found = by_surfaces(mesh_of(plate), moved(mesh_of(plate - hole), 3))
+    assert found is not None
+    assert found.difference is not None
+    assert found.difference.through_holes == (0, 1)
 
 
 @pytest.mark.parametrize("family", ["plate", "gear", "shaft", "flange", "bracket", "housing"])
