@@ -32,6 +32,9 @@ from tests.service.engines import url_in
 
 T = TypeVar("T")
 
+END_SECONDS = 120.0
+"""The longest that a service may take to end, or to do work in its event loop."""
+
 document = cache(openapi_document)
 """The OpenAPI document, made once for all tests."""
 
@@ -101,7 +104,7 @@ def serving(
     configured.port = 0
     configured.limit_concurrency = connections or configured.limit_concurrency
     server = uvicorn.Server(configured)
-    thread = threading.Thread(target=server.run)
+    thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     try:
         wait_until(lambda: server.started or not thread.is_alive(), seconds=60)
@@ -114,12 +117,25 @@ def serving(
             yield Running(client, app.state.container, server)
     finally:
         server.should_exit = True
-        thread.join()
+        thread.join(END_SECONDS)
+        assert not thread.is_alive(), f"the service does not end: {standing(server)}"
+
+
+def standing(server: uvicorn.Server) -> list[str]:
+    """Where each task of a service's event loop waits."""
+    found = []
+    for task in asyncio.all_tasks(server.servers[0].get_loop()) if server.servers else ():
+        frames, waiting = [], task.get_coro()
+        while (frame := getattr(waiting, "cr_frame", None)) is not None:
+            frames.append(f"{frame.f_code.co_qualname}:{frame.f_lineno}")
+            waiting = waiting.cr_await
+        found.append(" > ".join(frames))
+    return found
 
 
 def on_loop(running: Running, work: Coroutine[Any, Any, T]) -> T:
     """Run a coroutine in the event loop of a service, which its parts belong to."""
-    return asyncio.run_coroutine_threadsafe(work, running.server.servers[0].get_loop()).result()
+    return asyncio.run_coroutine_threadsafe(work, running.server.servers[0].get_loop()).result(END_SECONDS)
 
 
 def relate(running: Running) -> None:

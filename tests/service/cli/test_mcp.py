@@ -6,6 +6,7 @@ import io
 import json
 import sys
 from collections.abc import Awaitable, Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ def used(service: Running, use: Use, *options: str) -> None:
         arguments = ["-m", "service.cli", "mcp", "--url", str(service.client.base_url), *options]
         async with (
             stdio_client(StdioServerParameters(command=sys.executable, args=arguments)) as streams,
-            ClientSession(*streams) as client,
+            ClientSession(*streams, read_timeout_seconds=timedelta(seconds=120)) as client,
         ):
             await client.initialize()
             await use(client)

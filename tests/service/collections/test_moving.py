@@ -8,7 +8,7 @@ from core.io import write_mesh
 from core.mesh.mesh import Mesh
 from tests.core.dense.solids import plate
 from tests.service.engines import on_both
-from tests.service.support import Running, assert_problem, module_service, small_file, working_in
+from tests.service.support import Running, assert_problem, module_service, small_file, wait_until, working_in
 
 pytestmark = on_both
 
@@ -30,10 +30,14 @@ def found(own: Running, shape_id: str) -> set[str]:
 
 def groups(own: Running) -> list[list[str]]:
     """The ids of each group of duplicates, once all shapes have been compared."""
-    while True:
-        answer = own.client.get("/duplicates").json()
-        if answer["unjudged"] == 0:
-            return [[member["shape"]["id"] for member in group] for group in answer["groups"]]
+    answer: dict[str, Any] = {}
+
+    def compared() -> bool:
+        answer.update(own.client.get("/duplicates").json())
+        return bool(answer["unjudged"] == 0)
+
+    wait_until(compared, seconds=120)
+    return [[member["shape"]["id"] for member in group] for group in answer["groups"]]
 
 
 def test_a_shape_moves_whole(running: Running) -> None:

@@ -163,9 +163,11 @@ def _filtered(name: str) -> None:
 
 
 def test_an_unknown_system_call_does_not_end_the_filter() -> None:
-    process = multiprocessing.get_context("fork").Process(target=_filtered, args=("no_such_call",))
+    process = multiprocessing.get_context("fork").Process(
+        target=_filtered, args=("no_such_call",), daemon=True
+    )
     process.start()
-    process.join()
+    process.join(60)
     assert process.exitcode == 0
 
 

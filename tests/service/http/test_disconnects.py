@@ -47,7 +47,8 @@ def send(
     request = running.client.build_request(method, path, **body)
     head = "".join(f"{name}: {value}\r\n" for name, value in request.headers.items())
     content = request.read()
-    connection = socket.create_connection((running.client.base_url.host, running.client.base_url.port))
+    url = running.client.base_url
+    connection = socket.create_connection((url.host, url.port), timeout=60)
     connection.sendall(f"{method} {path} HTTP/1.1\r\n{head}\r\n".encode())
     connection.sendall(content[: round(part * len(content))])
     return connection

@@ -85,7 +85,7 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Folder:
 def connected(running: Running, request: str, key: str, *headers: str, body: bytes = b"") -> socket.socket:
     """A connection on which the head of a request has been sent, and the beginning of its body."""
     url = running.client.base_url
-    connection = socket.create_connection((url.host, url.port))
+    connection = socket.create_connection((url.host, url.port), timeout=60)
     lines = [f"{request} HTTP/1.1", "Host: localhost", f"X-API-Key: {key}", *headers, "", ""]
     connection.sendall("\r\n".join(lines).encode() + body)
     return connection

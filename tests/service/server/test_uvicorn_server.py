@@ -76,9 +76,7 @@ async def _nothing(_scope: Scope, _receive: Receive, _send: Send) -> None:
 
 def connected(running: Running) -> socket.socket:
     url = running.client.base_url
-    connection = socket.create_connection((url.host, url.port))
-    connection.settimeout(20)
-    return connection
+    return socket.create_connection((url.host, url.port), timeout=20)
 
 
 def everything(connection: socket.socket) -> bytes:
