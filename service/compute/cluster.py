@@ -35,6 +35,8 @@ CONNECT_SECONDS = 5.0
 PATIENCE_SECONDS = 10.0
 # A thread of a worker looks so often whether its task has ended.
 POLL_SECONDS = 0.25
+# Without an answer of the scheduler, the connection may take so long to end.
+END_SECONDS = 30.0
 
 # Meshes pass through the scheduler, so that the loss of a worker loses no mesh.
 dask.config.set({"distributed.admin.large-graph-warning-threshold": "4 GiB"})
@@ -122,7 +124,7 @@ class ClusterPool(Executor):
                 with suppress(Exception):
                     task.result()
         if wait or cancel_futures:
-            self._watching.join()
+            self._watching.join(END_SECONDS)
 
     def kill(self) -> None:
         """Disconnect at once: unfinished tasks raise `WorkerLostError`."""
@@ -172,7 +174,11 @@ class ClusterPool(Executor):
         for address in self._warming.keys() - self._threads.keys():
             self._warming.pop(address).cancel()
         warmed = {address: each for address, each in self._warming.items() if each.status == "finished"}
-        self._pids = {address: self._pids.get(address) or each.result() for address, each in warmed.items()}
+        # The result goes with a worker that is lost meanwhile.
+        self._pids = {
+            address: self._pids.get(address) or each.result(CONNECT_SECONDS)
+            for address, each in warmed.items()
+        }
 
     def _lose(self) -> None:
         """Fail all tasks: the scheduler may never answer."""
@@ -213,7 +219,10 @@ class ClusterPool(Executor):
             log.error("the cluster failed", exc_info=error)
             _raise(task, ClusterUnavailableError(f"the cluster failed: {type(error).__name__}"))
         else:
-            done, answer = pickle.loads(remote.result())
+            try:
+                done, answer = pickle.loads(remote.result())
+            except Exception as error:
+                done, answer = False, error
             if done:
                 with suppress(InvalidStateError):
                     task.set_result(answer)

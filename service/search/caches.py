@@ -170,7 +170,11 @@ class CacheWarmer:
 
     async def run(self) -> None:
         """Keep the caches filled until the task is cancelled, which ends after the batch at work."""
-        await self._warm()
+        try:
+            await self._warm()
+        except Exception:
+            # The first queries load them.
+            log.exception("the kernels of a search could not be loaded")
         ready, latest = self._container.comparing_is_ready, monotonic() + FIRST_SECONDS
         while True:
             # After any other error, queries are answered without a warm cache.

@@ -111,8 +111,8 @@ class Scanner:
                         work.add_done_callback(lambda _: self.look())
                         self._scans[source.number] = work
                     await self._wait()
-                except ServiceError as error:
-                    log.warning("sources wait: %s", error)
+                except Exception as error:
+                    log.warning("sources wait: %s", error, exc_info=not isinstance(error, ServiceError))
                     await asyncio.sleep(PAUSE_SECONDS)
         finally:
             for work in self._scans.values():

@@ -32,7 +32,7 @@ def reporting(roots: Mapping[int, str]) -> dict[int, str]:
     return {
         number: root
         for number, root in roots.items()
-        if not file_system(mounts, root).startswith(SILENT) and Path(root).is_dir()
+        if not file_system(mounts, root).startswith(SILENT) and os.path.isdir(root)
     }
 
 

@@ -198,10 +198,12 @@ def test_an_unexpected_error_does_not_keep_the_service_from_answering(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
+        patch.setattr(caches, "warm_comparing", None)
         patch.setattr(CacheWarmer, "_put_records", None)
         with serving(settings_in(folder)) as other:
             assert len(answer(other)) == STORED
             wait_until(lambda: "embeddings could not be made ready" in caplog.messages, seconds=300)
+    assert "the kernels of a search could not be loaded" in caplog.messages
 
 
 @pytest.mark.parametrize("running", NARROW, indirect=True)

@@ -2,7 +2,8 @@
 
 import asyncio
 import os
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,11 @@ import pytest
 
 from service.shapes.service import ingest
 from service.sources import reading, repository, scanner, storing
+from service.sources.scanner import Scanner
 from service.sources.service import forget_removed
 from service.storage.database import WriteSession, erase
 from service.storage.in_place import open_beneath
-from service.storage.tables import ShapeRow
+from service.storage.tables import ShapeRow, SourceRow
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
 from tests.service.support import Running, assert_problem, small_file
@@ -161,6 +163,24 @@ def test_a_folder_that_lost_too_much_is_offline(library: Library, root: Path) ->
     (root.parent / "away" / "a.off").rename(root / "a.off")
     assert library.rescan()["state"] == "ready"
     assert library.shapes()["a.off"] == before["a.off"]
+
+
+def test_an_unexpected_error_does_not_end_the_scanner(
+    running: Running, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wanted, failed = Scanner._wanted, threading.Event()
+
+    def fail_once(self: Scanner, sources: Sequence[SourceRow]) -> list[SourceRow]:
+        if not failed.is_set():
+            failed.set()
+            raise PermissionError
+        return wanted(self, sources)
+
+    monkeypatch.setattr(Scanner, "_wanted", fail_once)
+    monkeypatch.setattr(scanner, "PAUSE_SECONDS", 0.0)
+    with Library.of(running, root) as library:
+        assert failed.is_set()
+        assert library.read()["state"] == "ready"
 
 
 def test_a_scan_that_was_cut_off_is_continued(
