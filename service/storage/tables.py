@@ -490,7 +490,7 @@ class SourceFileRow(Table):
         Index("source_files_by_state", "source_number", "state", "number"),
         Index("source_files_by_number", "source_number", "number"),
         Index("source_files_by_sha256", "sha256"),
-        Index("source_files_by_shape", "shape_number"),
+        Index("source_files_by_shape", "shape_number", "source_number", "number"),
         {"sqlite_autoincrement": True},
     )
 

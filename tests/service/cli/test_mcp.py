@@ -26,8 +26,8 @@ def used(service: Running, use: Use, *options: str) -> None:
     async def session() -> None:
         arguments = ["-m", "service.cli", "mcp", "--url", str(service.client.base_url), *options]
         async with (
-            stdio_client(StdioServerParameters(command=sys.executable, args=arguments)) as streams,
-            ClientSession(*streams, read_timeout_seconds=timedelta(seconds=120)) as client,
+            stdio_client(StdioServerParameters(command=sys.executable, args=arguments)) as (received, sent),
+            ClientSession(received, sent, timedelta(seconds=120)) as client,
         ):
             await client.initialize()
             await use(client)
