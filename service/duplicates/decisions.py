@@ -173,8 +173,9 @@ async def apply_rule(
 ) -> Decided:
     """Decide all groups that meet a rule, in one act, or merge them; a dry run counts them.
 
-    Groups are left whose shapes together have more tags or metadata than one may have, or are deleted
-    meanwhile. A transaction merges `MERGED` groups. If one fails, the same rule goes on with the others.
+    Groups are left of which two shapes are decided to differ, or whose shapes together have more tags or
+    metadata than one may have, or are deleted meanwhile. A transaction merges `MERGED` groups. If one fails,
+    the same rule goes on with the others.
     """
     bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
@@ -199,8 +200,13 @@ async def apply_rule(
     ) -> tuple[list[MergeUndo], list[LeftGroup]]:
         undos: list[MergeUndo] = []
         left: list[LeftGroup] = []
+        decided = decision_repository.decided(session, collection)
         for group in some:
             ids = [shape.id for shape in group]
+            files = combinations([shape.sha256 for shape in group], 2)
+            if any(decided.get(pair_of(*pair)) == "different" for pair in files):
+                left.append(LeftGroup(shapes=ids, reason="two of its shapes are decided to differ"))
+                continue
             try:
                 undos.append(merge(session, collection, ids, rule.keep, container.settings.undo_time).undo)
             except (BadRequestFieldsError, ShapeNotFoundError) as error:

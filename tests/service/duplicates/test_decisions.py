@@ -208,3 +208,15 @@ def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_mer
     assert set(left["shapes"]) == {copies[3], *full}
     assert "tags" in left["reason"]
     assert groups(service) == [{copies[3], *full}]
+
+
+def test_a_rule_merges_no_group_of_which_two_shapes_are_decided_to_differ(service: Running) -> None:
+    """Both have the likeness to the first."""
+    shapes = [service.store(small_file(5) + AGAIN * number, f"{number}.off")["id"] for number in range(3)]
+    decide(service, shapes[1:], "different")
+    assert groups(service) == [set(shapes)]
+    rule = {"action": "merge", "dry_run": False}
+    answer = service.client.post("/duplicates/rule", json=rule).raise_for_status().json()
+    assert (answer["groups"], answer["merges"]) == (0, [])
+    (left,) = answer["left"]
+    assert (set(left["shapes"]), left["reason"]) == (set(shapes), "two of its shapes are decided to differ")
