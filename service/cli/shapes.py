@@ -125,6 +125,8 @@ def _tag_all(client: Client, filters: dict[str, Any], add: Sequence[str], remove
         wanted = BulkChange.model_validate({**values, "dry_run": False})
     except ValidationError as error:
         fail("; ".join(f"{fault.field}: {fault.message}" for fault in faults_of(error.errors())), status=2)
+    if not any(getattr(wanted, name) for name in filters):
+        fail("the filter is empty, so that all shapes would be changed", status=2)
     done = client.update_all(wanted)
     say(f"{done.changed} of {done.matched} shapes changed")
     for shape in done.refused:

@@ -76,7 +76,7 @@ def test_shapes_are_tagged_by_a_filter(archive: Client, stored: dict[str, Upload
     full = run("tag", "--tag", "cup", "--add", "more", "--url", archive.url)
     assert (full.status, "1 of 2 shapes changed" in full.stderr) == (1, True)
     assert f"cup.stl ({stored['cup.stl'].shape.id}): " in full.stderr
-    for wrong in (["cup.off", "--tag", "cup"], [], ["--area", "wide"]):
+    for wrong in (["cup.off", "--tag", "cup"], [], ["--area", "wide"], ["--tag", ","], ["--name", " "]):
         assert run("tag", *wrong, "--add", "x", "--url", archive.url).status == 2
     assert not list(archive.shapes(tag=["x"]))
 
