@@ -44,12 +44,12 @@ TIMEOUT = httpx.Timeout(600.0, connect=10.0)
 NO_ANSWER = (httpx.TransportError, httpx.UnsupportedProtocol)
 
 # The most retries after an answer 429 or 503, by the kind of problem. A file that killed its worker may kill
-# another, so it has one retry only. A service is not ready while its kernels are compiled: minutes on a busy
-# machine.
+# another, so it has one retry only. A service is not ready while its kernels are compiled: nine minutes are
+# enough on a busy machine.
 RETRIES = {
     "busy": 5,
     "rate-limit": 5,
-    "not-ready": 60,
+    "not-ready": 20,
     "shutting-down": 3,
     "storage-unavailable": 3,
     "worker-lost": 1,
