@@ -4,6 +4,7 @@ Executors do the work: processes on this machine, or a Dask cluster.
 """
 
 import asyncio
+import threading
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import Future
@@ -115,6 +116,9 @@ def _log_confinement(answer: "Future[dict[str, bool]]") -> None:
 
 log = get_logger("compute")
 
+LOOK_SECONDS = 0.25
+"""The time between two looks of a thread that waits for a reader."""
+
 PATIENCE_SECONDS, ROOM_SECONDS = 5.0, 0.02
 """The longest wait of work beside requests for a worker, and the time between two looks."""
 
@@ -215,6 +219,7 @@ class RequestQueue:
     def __post_init__(self) -> None:
         self._requests = Turns(self.workers, room=self.workers + self.length)
         self._tasks, self._readings = Turns(self.workers), Turns(self.workers)
+        self._stopped = threading.Event()
 
     @property
     def room(self) -> int:
@@ -290,9 +295,21 @@ class RequestQueue:
 
         Raise MeshTooComplexError, ValueError or MemoryError if the directory is too long, or is none, and
         TaskTimeLimitError or WorkerLostError if reading took too long, or its process ended.
+        `stop` cancels it.
         """
         reading = self.readers.submit(read_zip_directory, end, size, most, self.read_seconds)
-        return bytes(reading.result())
+        while True:
+            try:
+                return bytes(reading.result(LOOK_SECONDS))
+            except TimeoutError:
+                if reading.done():
+                    raise
+                if self._stopped.is_set():
+                    reading.cancel()
+
+    def stop(self) -> None:
+        """Let threads wait for no reader any more, for the end of the service."""
+        self._stopped.set()
 
     async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""

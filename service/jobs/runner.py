@@ -119,6 +119,7 @@ class Runner:
     async def stop(self) -> None:
         """Stop at once: the next start continues with the members that are not stored."""
         assert self._running is not None
+        self._container.queue.stop()
         await end(self._running)
         with suppress(ServiceError):
             await self._database.writing(repository.release, self._id)

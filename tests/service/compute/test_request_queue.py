@@ -2,15 +2,16 @@
 
 import asyncio
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any, cast
 
 import pytest
 
+from core.io import DEFAULT_LIMITS
 from service.compute import request_queue
 from service.compute.pool import LocalPool
-from service.compute.request_queue import end, together
+from service.compute.request_queue import RequestQueue, end, together
 from service.jobs.runner import _changed
 from service.turns import Turns, current_client
 
@@ -27,6 +28,24 @@ class Tasks(Executor):
         task.set_running_or_notify_cancel()
         self.running.append(task)
         return task
+
+
+class Starting(Executor):
+    """An executor whose processes never start."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have a task wait."""
+        return Future()
+
+
+def test_the_end_of_a_service_waits_for_no_reader() -> None:
+    pool = cast(LocalPool, Starting())
+    queue = RequestQueue(pool, pool, DEFAULT_LIMITS, read_seconds=1.0, workers=1)
+    with ThreadPoolExecutor(1) as threads:
+        reading = threads.submit(queue.zip_directory, b"", 0, 1)
+        queue.stop()
+        with pytest.raises(CancelledError):
+            reading.result(timeout=10)
 
 
 async def settled() -> None:
