@@ -298,14 +298,12 @@ class RequestQueue:
         `stop` cancels it.
         """
         reading = self.readers.submit(read_zip_directory, end, size, most, self.read_seconds)
-        while True:
-            try:
-                return bytes(reading.result(LOOK_SECONDS))
-            except TimeoutError:
-                if reading.done():
-                    raise
-                if self._stopped.is_set():
-                    reading.cancel()
+        while not reading.done():
+            with suppress(TimeoutError):
+                reading.exception(LOOK_SECONDS)
+            if self._stopped.is_set():
+                reading.cancel()
+        return bytes(reading.result())
 
     def stop(self) -> None:
         """Let threads wait for no reader any more, for the end of the service."""
