@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from contextvars import copy_context
+from types import SimpleNamespace
 
 import pytest
 
@@ -204,8 +205,9 @@ def test_what_a_client_asks_for_is_served_at_intervals_and_delays_no_other(
     async def sleep(seconds: float) -> None:
         slept.append(seconds)
 
-    monkeypatch.setattr(turns_module.time, "monotonic", lambda: now)
-    monkeypatch.setattr(turns_module.asyncio, "sleep", sleep)
+    # The names of this module alone: the loops of services in other threads have clocks, too.
+    monkeypatch.setattr(turns_module, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(turns_module, "asyncio", SimpleNamespace(sleep=sleep))
 
     async def refuse(pace: Pace, clients: str) -> list[float]:
         slept.clear()
