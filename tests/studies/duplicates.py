@@ -162,13 +162,15 @@ def _named(family: Family, number: int, kind: str, key: int, mesh: Mesh) -> tupl
     return f"{family}-{number}-{kind}-{key}.stl", write_mesh(mesh, "stl")
 
 
-def groups_by_force(container: Container) -> tuple[Groups, Groups]:
+def groups_by_force(running: Running) -> tuple[Groups, Groups]:
     """Return the ids of the shapes of each group of two or more, without and with variants.
 
     The shapes are those of the default collection. Every pair whose radii at unit area are near is registered
     from both files.
     """
-    return asyncio.run(_groups(container))
+    # In the loop of the service, which its turns belong to.
+    loop = running.server.servers[0].get_loop()
+    return asyncio.run_coroutine_threadsafe(_groups(running.container), loop).result()
 
 
 async def _groups(container: Container) -> tuple[Groups, Groups]:
@@ -222,7 +224,7 @@ def first_report(folder: Path, count: int, workers: int, *, force: bool) -> bool
                 times.append(time.monotonic())
                 reports.append(groups(report, "name"))
                 if force and background:
-                    right = groups(report, "id") == groups_by_force(running.container)[0]
+                    right = groups(report, "id") == groups_by_force(running)[0]
                     print(f"equal to every pair by force: {right}")
                 running.store(files[-1][1], files[-1][0])
                 again = time.monotonic()

@@ -69,7 +69,7 @@ def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
         # The two whose surfaces take longest have no copy among the ten.
         if not name.startswith(("bolt", "bracket")):
             running.store(data, name)
-    copies, with_variants = groups_by_force(running.container)
+    copies, with_variants = groups_by_force(running)
     assert len(copies) >= 2
     assert copies != with_variants
     assert groups(running, scaled=True) == copies
