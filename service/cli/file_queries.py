@@ -11,6 +11,9 @@ from service.search.schemas import QueryAnswer
 BATCH_FILES, BATCH_BYTES = 16, 16 * 1024**2
 """The files that are sent together. A service takes 100, of the size of one upload."""
 
+AWAY = {"cluster-unavailable", "not-ready", "pipeline-unavailable", "shutting-down", "storage-unavailable"}
+"""Problems of a service that lie in no file."""
+
 
 def answers(
     client: Client,
@@ -41,13 +44,16 @@ def batches(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 def _answers(client: Client, batch: Sequence[Path], options: dict[str, Any]) -> list[QueryAnswer | str]:
-    """Return the answers to a batch. One that is refused, or has an unreadable file, is sent file by file."""
+    """Return the answers to a batch. One that is refused, or has an unreadable file, is sent file by file.
+
+    A service that cannot work now is not asked again for each file.
+    """
     try:
         given = client.query_batch(batch, **options).answers
         return [
             f"{answer.title}: {answer.detail}" if isinstance(answer, Cause) else answer for answer in given
         ]
     except (ProblemError, OSError) as error:
-        if len(batch) == 1:
-            return [(error.strerror if isinstance(error, OSError) else None) or str(error)]
+        if len(batch) == 1 or (isinstance(error, ProblemError) and error.kind in AWAY):
+            return [(error.strerror if isinstance(error, OSError) else None) or str(error)] * len(batch)
         return [answer for path in batch for answer in _answers(client, [path], options)]

@@ -102,7 +102,7 @@ def tag_command(
 ) -> None:
     """Add tags to shapes, and remove tags.
 
-    The shapes are named, or they are all that pass a filter: those of a material, say, with
+    The shapes are named, or all shapes that pass a filter are changed, such as all of a material with
     `--metadata material=steel`.
     """
     if not (add or remove):

@@ -119,9 +119,9 @@ async def undo_merge(
 async def apply_rule(rule: Rule, request: Request, container: Service, collection: InCollection) -> Decided:
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them.
 
-    Groups of which two shapes are decided to differ, or whose shapes together have more tags or metadata than
-    a shape may have, are `left`; the others are merged, and each of `merges` can be undone. A call that fails
-    may have merged some groups; the same call goes on with the others.
+    A group is `left` if two of its shapes are decided to differ, or if all have more tags or metadata
+    together than a shape may have. The others are merged, and each of `merges` can be undone. A call that
+    fails may have merged some groups; the same call goes on with the others.
     """
 
     async def apply(active_pipeline: ActivePipeline) -> Decided:

@@ -66,7 +66,7 @@ class GroupDecision(Reasoned):
 
 
 class MergeUndo(BaseModel):
-    """What undoes a merge: the former tags and metadata of the shape that stayed, and the deleted shapes."""
+    """The undo of a merge: the former tags and metadata of the shape that stayed, and the deleted shapes."""
 
     model_config = ConfigDict(
         extra="forbid",
@@ -86,7 +86,7 @@ class LeftGroup(BaseModel):
     """A group that cannot be merged."""
 
     shapes: list[str] = Field(description="The ids of its shapes.")
-    reason: str = Field(description="The reason, for people.")
+    reason: str = Field(description="The reason why it is left, in words.")
 
 
 class Decided(BaseModel):
@@ -98,7 +98,7 @@ class Decided(BaseModel):
     groups: int = Field(description="The number of decided or merged groups.")
     pairs: int = Field(description="The number of pairs of shapes in them, or of decided pairs of files.")
     merges: list[MergeUndo] = Field(
-        default=[], description="Of merged groups: each can be sent to POST /duplicates/merge/undo."
+        default=[], description="The undo of each merge: a body of POST /duplicates/merge/undo."
     )
     left: list[LeftGroup] = Field(default=[], description="The groups that cannot be merged.")
 

@@ -173,8 +173,8 @@ async def apply_rule(
 ) -> Decided:
     """Decide all groups that meet a rule, in one act, or merge them; a dry run counts them.
 
-    Groups are left of which two shapes are decided to differ, or whose shapes together have more tags or
-    metadata than one may have, or are deleted meanwhile. A transaction merges `MERGED` groups. If one fails,
+    A group is left if two of its shapes are decided to differ, if all have more tags or metadata together
+    than one may have, or if a shape is deleted meanwhile. A transaction merges `MERGED` groups. If one fails,
     the same rule goes on with the others.
     """
     bounds = Search(active_pipeline.fingerprint, rule.variants)

@@ -12,7 +12,7 @@ EXTENT = 0.5
 """Sides differ if they do by more than this share of the largest distance; chord errors are less."""
 
 LEAST_EXTENT = 0.01
-"""They also do by more than this share of the longest side, however large a hole or a boss is."""
+"""Sides also differ by more than this share of the longest side, however large a hole or a boss is."""
 
 LEAST_RATIO = 5e-5
 """Ratios of volumes, and of areas, nearer to 1 are told as equal."""

@@ -68,15 +68,15 @@ def test_one_candidate_has_the_flow_of_two_linked_shapes():
 
 
 def test_the_far_end_of_a_class_comes_before_nearer_shapes_of_others():
-    classes, log_odds = collection()
-    contextual = all_contextual_scores(log_odds)
-    found = []
-    for scores in (log_odds, contextual):
-        others = np.where(np.eye(len(scores), dtype=bool), -np.inf, scores)
-        first = np.argsort(-others, axis=1)[:, : EACH - 1]
-        found.append((classes[first] == classes[:, None]).mean())
-    assert found[0] < 0.85
-    assert found[1] > 0.97
+    shares = np.empty((5, 2))
+    for seed, found in enumerate(shares):
+        classes, log_odds = collection(seed)
+        for kind, scores in enumerate((log_odds, all_contextual_scores(log_odds))):
+            others = np.where(np.eye(len(scores), dtype=bool), -np.inf, scores)
+            first = np.argsort(-others, axis=1)[:, : EACH - 1]
+            found[kind] = (classes[first] == classes[:, None]).mean()
+    assert shares[:, 0].max() < 0.85
+    assert shares[:, 1].mean() > 0.98
 
 
 @pytest.mark.parametrize("spread", [0.01, 0.1, WIDEST])

@@ -18,7 +18,8 @@ from service.auth.keys import digest_of
 from service.cli import file_queries, service_address
 from service.cli.commands import _in_one_line, plain_app
 from service.cli.query import COLUMNS
-from service.client import Client
+from service.client import Client, ProblemError
+from service.http.problem_document import Problem
 from service.search import endpoints
 from service.search.schemas import QueryAnswer, SearchOptions
 from tests.service.cli.conftest import Run, mesh_bytes
@@ -245,3 +246,23 @@ def test_batches_have_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         paths[-1].write_bytes(bytes(size))
     batches = [[int(path.name) for path in batch] for batch in file_queries.batches(paths)]
     assert batches == [[0], [1, 2], [3, 4, 5], [6], [7], [8]]
+
+
+@pytest.mark.parametrize(("kind", "times"), [("not-ready", 1), ("storage-unavailable", 1), ("time-limit", 4)])
+def test_a_service_that_cannot_work_is_asked_once_for_a_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, times: int
+) -> None:
+    asked = []
+
+    def refuse(*_arguments: object) -> None:
+        asked.append(kind)
+        raise ProblemError(Problem.answering("id", kind, "later"))
+
+    monkeypatch.setattr(Client, "query_batch", refuse)
+    paths = [tmp_path / name for name in "abc"]
+    for path in paths:
+        path.touch()
+    with Client("http://127.0.0.1:1") as client:
+        reasons = [reason for _, reason in file_queries.answers(client, paths)]
+    assert len(asked) == times
+    assert [str(reason).rpartition(": ")[2] for reason in reasons] == ["later"] * 3

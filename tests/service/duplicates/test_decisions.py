@@ -212,7 +212,7 @@ def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_mer
 
 
 def test_a_rule_merges_no_group_of_which_two_shapes_are_decided_to_differ(service: Running) -> None:
-    """Both have the likeness to the third, which holds the group together."""
+    """Each was judged with the third shape, which holds the group together."""
     shapes = [service.store(small_file(5) + AGAIN * number, f"{number}.off")["id"] for number in range(3)]
     assert groups(service) == [set(shapes)]
     for pair in combinations(shapes, 2):
