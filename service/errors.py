@@ -268,6 +268,7 @@ PROBLEMS: dict[str, ProblemKind] = {
     "not-found": ProblemKind(404, "There is nothing at this address"),
     "shape-not-found": ProblemKind(404, "There is no such shape"),
     "decision-not-found": ProblemKind(404, "There is no such decision"),
+    "merge-not-found": ProblemKind(404, "There is no such merge"),
     "collection-not-found": ProblemKind(404, "There is no such collection"),
     "method-not-allowed": ProblemKind(405, "The address does not answer this method"),
     "request-timeout": ProblemKind(408, "The request stopped arriving"),

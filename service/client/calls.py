@@ -29,9 +29,11 @@ from service.duplicates.decision_schemas import (
     Decided,
     DecidedPair,
     DecisionPage,
+    MergedGroup,
     MergedShape,
-    MergeUndo,
+    MergePage,
     Rule,
+    Undone,
 )
 from service.duplicates.records import Decision
 from service.duplicates.schemas import DuplicatesAnswer
@@ -380,12 +382,17 @@ def merge(shapes: Sequence[str], *, keep: str = "oldest") -> Call[MergedShape]:
     return Call("POST", "/duplicates/merge", parsed(MergedShape), json=body)
 
 
-def undo_merge(undo: MergeUndo) -> Call[Shape]:
-    """Restore the shapes that a merge deleted, and the tags and metadata of the one that stayed.
+def merges() -> Call[Step[MergedGroup]]:
+    """List the merged groups that can be undone, the oldest merge first."""
+    return pages("/duplicates/merges", MergePage, lambda answer: answer.merges)
 
-    `undo` is that of the answer to `merge`, or one of the `merges` of the answer to `apply_rule`.
+
+def undo_merge(merge_id: str) -> Call[Undone]:
+    """Restore all shapes that a merge deleted, and the tags and metadata of those that stayed.
+
+    The id is that of the answer to `merge`, or to `apply_rule` on all groups that meet a rule.
     """
-    return Call("POST", "/duplicates/merge/undo", parsed(Shape), json=undo.model_dump(mode="json"))
+    return Call("POST", f"/duplicates/merges/{segment(merge_id)}/undo", parsed(Undone))
 
 
 def apply_rule(rule: Rule) -> Call[Decided]:

@@ -109,6 +109,7 @@ class _Methods:
     decisions = _series(calls.decisions)
     delete_decision = _once(calls.delete_decision)
     merge = _once(calls.merge)
+    merges = _series(calls.merges)
     undo_merge = _once(calls.undo_merge)
     apply_rule = _once(calls.apply_rule)
     suggestions = _once(calls.suggestions)

@@ -1,4 +1,4 @@
-"""The addresses /duplicates/decisions, /duplicates/merge and /duplicates/rule."""
+"""The addresses /duplicates/decisions, /duplicates/merge, /duplicates/merges and /duplicates/rule."""
 
 from typing import Annotated
 
@@ -6,15 +6,16 @@ from fastapi import APIRouter, Path, Query, Request
 
 from service.collections.endpoints import InCollection
 from service.container import Service
-from service.duplicates import decisions
+from service.duplicates import decisions, merges
 from service.duplicates.decision_schemas import (
     Decided,
     DecisionPage,
     GroupDecision,
     Merge,
     MergedShape,
-    MergeUndo,
+    MergePage,
     Rule,
+    Undone,
 )
 from service.duplicates.endpoints import JUDGING_PROBLEMS
 from service.http.middleware import KEY_IN_SCOPE, while_connected
@@ -24,11 +25,12 @@ from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
 from service.shapes.endpoints import RESTORE_PROBLEMS, PageOptions
 from service.shapes.fields import Id
-from service.shapes.schemas import Shape, read_cursor
+from service.shapes.schemas import read_cursor
 
 router = APIRouter(tags=["search"])
 
 DecisionId = Annotated[Id, Path(description="The id of a decision.")]
+MergeId = Annotated[Id, Path(description="The id of a merge.")]
 
 
 def _who(request: Request, named: str | None) -> str | None:
@@ -91,24 +93,38 @@ def merge(wanted: Merge, container: Service, collection: InCollection) -> Merged
     """
     with container.database.write() as session:
         undo = container.settings.undo_time
-        return decisions.merge(session, collection.number, wanted.shapes, wanted.keep, undo)
+        return merges.merge(session, collection.number, wanted.shapes, wanted.keep, undo)
+
+
+@router.get(
+    "/duplicates/merges",
+    summary="List merges",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(PageOptions)],
+)
+def list_merges(
+    listing: Annotated[PageOptions, Query()], container: Service, collection: InCollection
+) -> MergePage:
+    """Return the merged groups that can be undone, the oldest merge first, a page at a time."""
+    with container.database.read() as session:
+        after = read_cursor(listing.cursor)
+        return merges.list_merges(session, collection.number, after=after, limit=listing.limit)
 
 
 @router.post(
-    "/duplicates/merge/undo",
+    "/duplicates/merges/{merge_id}/undo",
     summary="Undo a merge",
-    responses=documented(*RESTORE_PROBLEMS),
+    responses=documented("merge-not-found", *RESTORE_PROBLEMS),
 )
 async def undo_merge(
-    wanted: MergeUndo, request: Request, container: Service, collection: InCollection
-) -> Shape:
-    """Restore the shapes that a merge deleted, and give the one that stayed its former tags and metadata.
+    merge_id: MergeId, request: Request, container: Service, collection: InCollection
+) -> Undone:
+    """Restore all shapes that a merge deleted, and give those that stayed their former tags and metadata.
 
-    The call can be repeated if it fails.
+    A group is `left` if one of its shapes is gone or its name taken. A call that fails can be repeated.
     """
     async with container.queue.admitted(request):
-        undone = decisions.undo_merge(container, collection.number, wanted)
-        return Shape.of(await while_connected(request, undone))
+        return await while_connected(request, merges.undo(container, collection.number, merge_id))
 
 
 @router.post(
@@ -120,8 +136,8 @@ async def apply_rule(rule: Rule, request: Request, container: Service, collectio
     """Decide, or merge, all groups of GET /duplicates that meet a rule. A dry run counts them.
 
     A group is `left` if two of its shapes are decided to differ, or if all have more tags or metadata
-    together than a shape may have. The others are merged, and each of `merges` can be undone. A call that
-    fails may have merged some groups; the same call goes on with the others.
+    together than a shape may have. The others are merged, and one call undoes all of it. A call that fails
+    may have merged some groups, which GET /duplicates/merges has; the same call goes on with the others.
     """
 
     async def apply(active_pipeline: ActivePipeline) -> Decided:

@@ -7,11 +7,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from core.ranking.likeness import Copy
 from service.duplicates.records import Decision
-from service.shapes.fields import Id, Metadata, Tags, clean_text
+from service.shapes.fields import Id, Tags, clean_text
 from service.shapes.schemas import SHAPE, Filters, Page, Shape
 
 MOST_SHAPES = 100
 """Shapes of one decision or merge."""
+
+MOST_LEFT = 1_000
+"""Groups that an answer names, of those that cannot be merged."""
 
 OTHER = "6f1d1f52-0c57-4f0e-8c0b-0d4e6a1f9b22"
 
@@ -65,25 +68,8 @@ class GroupDecision(Reasoned):
     )
 
 
-class MergeUndo(BaseModel):
-    """The undo of a merge: the former tags and metadata of the shape that stayed, and the deleted shapes."""
-
-    model_config = ConfigDict(
-        extra="forbid",
-        json_schema_extra={"example": {"shape": SHAPE["id"], "tags": [], "metadata": {}, "deleted": [OTHER]}},
-    )
-
-    shape: Id = Field(description="The id of the shape that stayed.")
-    tags: Tags = Field(description="Its former tags.")
-    metadata: Metadata = Field(description="Its former metadata.")
-    deleted: list[Id] = Field(
-        min_length=1,
-        description="The ids of the deleted shapes, which can be restored for ISOSHAPE_UNDO_DAYS.",
-    )
-
-
 class LeftGroup(BaseModel):
-    """A group that cannot be merged."""
+    """A group that cannot be merged, or whose merge cannot be undone."""
 
     shapes: list[str] = Field(description="The ids of its shapes.")
     reason: str = Field(description="The reason why it is left, in words.")
@@ -93,14 +79,16 @@ class Decided(BaseModel):
     """Decided or merged groups."""
 
     id: str | None = Field(
-        description="The id, by which the decision is deleted; null after a dry run or a merge."
+        description="The id, by which the decision is deleted or the merge undone; null after a dry run, and "
+        "after a merge where deleted shapes cannot be restored."
     )
     groups: int = Field(description="The number of decided or merged groups.")
     pairs: int = Field(description="The number of pairs of shapes in them, or of decided pairs of files.")
-    merges: list[MergeUndo] = Field(
-        default=[], description="The undo of each merge: a body of POST /duplicates/merge/undo."
+    left: list[LeftGroup] = Field(
+        default=[],
+        max_length=MOST_LEFT,
+        description=f"The groups that cannot be merged, the first {MOST_LEFT} of them.",
     )
-    left: list[LeftGroup] = Field(default=[], description="The groups that cannot be merged.")
 
 
 class DecidedSide(BaseModel):
@@ -147,7 +135,34 @@ class MergedShape(BaseModel):
     """The shape that stays after a merge."""
 
     shape: Shape
-    undo: MergeUndo = Field(description="The body by which POST /duplicates/merge/undo undoes the merge.")
+    id: str | None = Field(
+        description="The id, by which the merge is undone; null where deleted shapes cannot be restored."
+    )
+
+
+class MergedGroup(BaseModel):
+    """A merge of one group, which can be undone."""
+
+    id: str = Field(description="The id, which all groups merged by one call to POST /duplicates/rule share.")
+    shape: str = Field(description="The id of the shape that stayed.")
+    deleted: list[str] = Field(description="The ids of the deleted shapes.")
+    merged_at: datetime
+
+
+class MergePage(Page):
+    """Merged groups, the oldest merge first."""
+
+    merges: list[MergedGroup]
+
+
+class Undone(BaseModel):
+    """The undo of a merge."""
+
+    groups: int = Field(description="The number of groups that are as before the merge.")
+    left: list[LeftGroup] = Field(
+        max_length=MOST_LEFT,
+        description=f"The groups whose merge cannot be undone, the first {MOST_LEFT} of them.",
+    )
 
 
 class Rule(Reasoned, Filters):

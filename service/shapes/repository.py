@@ -45,6 +45,7 @@ from service.storage.tables import (
     ArchiveRow,
     BlobRow,
     CollectionRow,
+    DuplicateMergeRow,
     DuplicatePairRow,
     EmbeddingRow,
     IdempotencyKeyRow,
@@ -249,13 +250,15 @@ def count_deleted(session: ReadSession, collection: CollectionNumber, since: dat
 
 
 def any_deleted_until(session: ReadSession, moment: datetime) -> bool:
-    """Return whether a shape was deleted at a time or before."""
-    return session.scalar(select(ShapeRow.number).where(ShapeRow.deleted_at <= moment).limit(1)) is not None
+    """Return whether a shape was deleted, or merged, at a time or before."""
+    old = ShapeRow.deleted_at <= moment, DuplicateMergeRow.merged_at <= moment
+    return bool(session.scalar(select(or_(*(select(literal(1)).where(each).exists() for each in old)))))
 
 
 def erase_deleted_until(session: WriteSession, moment: datetime) -> None:
-    """Erase the shapes that were deleted at a time or before."""
+    """Erase the shapes that were deleted at a time or before, and what undoes merges of that time."""
     erase(session, ShapeRow.deleted_at <= moment)
+    session.execute(delete(DuplicateMergeRow).where(DuplicateMergeRow.merged_at <= moment))
 
 
 def same(

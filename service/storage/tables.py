@@ -371,6 +371,30 @@ class DuplicateDecisionRow(Table):
     decided_at: Mapped[datetime] = mapped_column(UtcDateTime)
 
 
+class DuplicateMergeRow(Table):
+    """What undoes a merge of shapes of one collection, as long as the deleted shapes can be restored.
+
+    `shape` is the id of the shape that stayed, with its former `tags` and `meta`, and `deleted` has the ids
+    of the others. The rows of all groups that a rule merges share their `id`.
+    """
+
+    __tablename__ = "duplicate_merges"
+    __table_args__ = (
+        Index("duplicate_merges_by_id", "collection_number", "id", "number"),
+        Index("duplicate_merges_by_time", "merged_at"),
+        {"sqlite_autoincrement": True},
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[str] = mapped_column(AnyText(36))
+    collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number", ondelete="CASCADE"))
+    shape: Mapped[str] = mapped_column(AnyText(36))
+    tags: Mapped[list[str]] = mapped_column(JSON)
+    meta: Mapped[dict[str, Any]] = mapped_column(JSON)
+    deleted: Mapped[list[str]] = mapped_column(JSON)
+    merged_at: Mapped[datetime] = mapped_column(UtcDateTime)
+
+
 class NeighboursRow(Table):
     """The nearest neighbours of a shape in its collection, by the log odds of one pipeline.
 

@@ -73,7 +73,7 @@ def study(place: Path, groups: int) -> Iterator[dict[str, Any]]:
         merged = [client.merge(sorted(pair)) for pair in planted]
         left = client.page(limit=1).total
         for each in merged:
-            client.undo_merge(each.undo)
+            client.undo_merge(each.id)
         unchanged = left == groups and state(client, planted) == before
         yield step.row("merge and undo", client, shown=0, right=unchanged)
 

@@ -1,10 +1,10 @@
 // Decisions on groups of duplicates, and merges of them, by buttons and keys. The last one can be undone.
 
 import { address, ask, askWith } from "./api.js";
-import { areKept, mayDelete } from "./deleted.js";
+import { mayDelete } from "./deleted.js";
 import { button, make } from "./dom.js";
 
-/** @import { Decided, Duplicate, MergedShape } from "./types.js" */
+/** @import { Decided, Duplicate, MergedShape, Undone } from "./types.js" */
 
 const MERGE = "merge";
 
@@ -60,10 +60,18 @@ async function merge(others, shapes) {
   if (!await mayDelete(others)) return false;
   /** @type {MergedShape} */
   const merged = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
-  if (areKept()) undoes.push(() => askWith(address("duplicates/merge/undo"), merged.undo));
+  const { id } = merged;
+  if (id) undoes.push(() => undoMerge(id));
   // Undo takes the latest decision back, and never an earlier one.
   else undoes.length = 0;
   return true;
+}
+
+/** @param {string} id */
+async function undoMerge(id) {
+  /** @type {Undone} */
+  const { left } = await (await ask(address(`duplicates/merges/${id}/undo`), { method: "POST" })).json();
+  if (left.length > 0) throw new Error(left[0].reason);
 }
 
 /** Whether the latest decision can be undone. */

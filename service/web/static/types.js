@@ -41,7 +41,8 @@
  *             difference: { text: string } | null, compared_with: string | null }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
- * @typedef {{ undo: object }} MergedShape
+ * @typedef {{ id: string | null }} MergedShape
+ * @typedef {{ left: { reason: string }[] }} Undone
  * @typedef {{ found: number, done: number, unread: Record<string, string> }} Scan
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
  *             counts: { present: number, missing: number, refused: number, unreadable: number },

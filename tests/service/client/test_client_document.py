@@ -12,7 +12,7 @@ import pytest
 from pydantic import BaseModel
 
 from service.client import Client, Upload
-from service.duplicates.decision_schemas import MergeUndo, Rule
+from service.duplicates.decision_schemas import Rule
 from service.shapes.bulk_schemas import BulkChange
 from tests.service.cli.awaited import Awaited
 from tests.service.support import document
@@ -38,7 +38,6 @@ SEARCH = {
 }
 STORED = {"name": "x", "tags": ["a", "b"], "metadata": {"k": 1}}
 RULE = Rule(action="merge", decided_by="a", q="w", name="x", **SIZES)
-UNDO = MergeUndo(shape="id", tags=["a"], metadata={"k": 1}, deleted=["other"])
 BULK = BulkChange(add_tags=["a"], collection="b", q="w", name="x", **SIZES)
 # Every method with all that it takes, and what it calls.
 CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
@@ -114,7 +113,8 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("decisions", (), {}, "GET /duplicates/decisions"),
     ("delete_decision", ("id",), {}, "DELETE /duplicates/decisions/{decision_id}"),
     ("merge", (["id", "other"],), {"keep": "newest"}, "POST /duplicates/merge"),
-    ("undo_merge", (UNDO,), {}, "POST /duplicates/merge/undo"),
+    ("merges", (), {}, "GET /duplicates/merges"),
+    ("undo_merge", ("id",), {}, "POST /duplicates/merges/{merge_id}/undo"),
     ("apply_rule", (RULE,), {}, "POST /duplicates/rule"),
     ("suggestions", ("id",), {"least_share": 0.8}, "GET /shapes/{shape_id}/suggestions"),
     ("families", (), {"least_probability": 0.8, **FILTERS}, "GET /families"),
@@ -129,6 +129,7 @@ SERIES = {
     "shapes",
     "deleted",
     "decisions",
+    "merges",
     "jobs",
     "job_files",
     "follow_job",

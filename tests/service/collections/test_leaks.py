@@ -62,10 +62,12 @@ class Secrets:
     job: str
     source: str
     decision: str
+    merge: str
     hashes: tuple[str, ...]
 
     def ids(self) -> tuple[str, ...]:
-        return self.kept, self.twin, self.deleted, self.purged, self.job, self.source, self.decision
+        acts = self.job, self.source, self.decision, self.merge
+        return self.kept, self.twin, self.deleted, self.purged, *acts
 
 
 Send = Callable[[httpx.Client, Secrets], httpx.Response]
@@ -77,6 +79,7 @@ def to(method: str, path: str, **arguments: Any) -> Send:
     def send(client: httpx.Client, own: Secrets) -> httpx.Response:
         shape = {"/shapes/{shape_id}/restore": own.deleted, "/deleted/{shape_id}": own.purged}
         ids = {"job_id": own.job, "source_id": own.source, "decision_id": own.decision}
+        ids["merge_id"] = own.merge
         address = path.format(shape_id=shape.get(path, own.kept), **ids)
         return client.request(method, address, **arguments)
 
@@ -106,8 +109,10 @@ def the_same(client: httpx.Client, own: Secrets) -> httpx.Response:
 
 
 def a_merge_undone(client: httpx.Client, own: Secrets) -> httpx.Response:
-    former = {"shape": own.kept, "tags": [SECRET], "metadata": {"secret": SECRET}}
-    return client.post("/duplicates/merge/undo", json={**former, "deleted": [own.twin]})
+    answer = both("/duplicates/merge")(client, own)
+    if answer.status_code == 200:
+        client.post(f"/duplicates/merges/{answer.json()['id']}/undo").raise_for_status()
+    return answer
 
 
 def a_folder(client: httpx.Client, _own: Secrets) -> httpx.Response:
@@ -150,6 +155,7 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/duplicates", params={"format": "csv"}),
     ],
     ("GET", "/duplicates/decisions"): [to("GET", "/duplicates/decisions")],
+    ("GET", "/duplicates/merges"): [to("GET", "/duplicates/merges")],
     ("DELETE", "/duplicates/decisions/{decision_id}"): [to("DELETE", "/duplicates/decisions/{decision_id}")],
     ("POST", "/duplicates/decisions"): [both("/duplicates/decisions", decision="different")],
     ("POST", "/duplicates/rule"): [
@@ -186,8 +192,8 @@ SENT: dict[Operation, list[Send]] = {
     ("POST", "/sources/{source_id}/confirm"): [to("POST", "/sources/{source_id}/confirm")],
     ("DELETE", "/sources/{source_id}"): [to("DELETE", "/sources/{source_id}")],
     ("PATCH", "/shapes/{shape_id}"): [to("PATCH", "/shapes/{shape_id}", json={"tags": ["seen"]})],
-    ("POST", "/duplicates/merge"): [both("/duplicates/merge")],
-    ("POST", "/duplicates/merge/undo"): [a_merge_undone],
+    ("POST", "/duplicates/merge"): [a_merge_undone],
+    ("POST", "/duplicates/merges/{merge_id}/undo"): [to("POST", "/duplicates/merges/{merge_id}/undo")],
     ("PUT", "/shapes/{shape_id}/file"): [to("PUT", "/shapes/{shape_id}/file", **file(7))],
     ("POST", "/shapes/{shape_id}/restore"): [to("POST", "/shapes/{shape_id}/restore")],
     ("POST", "/jobs/{job_id}/cancel"): [to("POST", "/jobs/{job_id}/cancel")],
@@ -240,7 +246,12 @@ def secrets(running: Running) -> Iterator[Secrets]:
         hashes = tuple(shape["sha256"] for shape in stored[1:])
         decided = {"shapes": ids[:2], "decision": "same", "decided_by": SECRET, "reason": SECRET}
         decision = hidden.client.post("/duplicates/decisions", json=decided).json()["id"]
-        secrets = (job["id"], source.json()["id"], decision, hashes)
+        pair = [
+            hidden.store(small_file(number), f"{SECRET}-{name}.off", **about)["id"]
+            for number, name in ((8, "merged"), (9, "other"))
+        ]
+        merge = hidden.client.post("/duplicates/merge", json={"shapes": pair}).json()["id"]
+        secrets = (job["id"], source.json()["id"], decision, merge, hashes)
         yield Secrets(*ids[:4], *secrets)
 
 
@@ -264,7 +275,8 @@ def test_nothing_of_another_collection_is_answered(
             told = answer.text + str(answer.headers)
             if answer.status_code >= 400:
                 missing = next(
-                    (kind for kind in ("job", "source", "decision") if f"{kind}_id" in operation[1]), "shape"
+                    (kind for kind in ("job", "source", "decision", "merge") if f"{kind}_id" in operation[1]),
+                    "shape",
                 )
                 assert_problem(answer, 404, f"{missing}-not-found")
                 assert SECRET not in told
@@ -282,7 +294,7 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
     """Also what was refused in the other one, so that it was refused for being there alone."""
     with working_in(running, "secret") as hidden:
         shapes = hidden.client.get("/shapes").json()
-        assert shapes["total"] == 3
+        assert shapes["total"] == 4
         assert all(SECRET in shape["name"] and shape["tags"] == [SECRET] for shape in shapes["shapes"])
         for sends in SENT.values():
             for send in sends:
@@ -291,4 +303,6 @@ def test_the_collection_is_as_it_was_and_everything_can_be_done_in_it(
                 if answer.status_code == 202 and "archive" in answer.json():
                     ended(hidden.client, answer.json()["id"])
         names = {shape["name"] for shape in hidden.client.get("/shapes").json()["shapes"]}
-        assert names == {f"{SECRET}-{name}.off" for name in ("of-a-job", "deleted", "twin")}
+        assert names == {
+            f"{SECRET}-{name}.off" for name in ("of-a-job", "deleted", "twin", "merged", "other")
+        }

@@ -11,11 +11,13 @@ import pytest
 from sqlalchemy import delete
 
 from service.client import Client
+from service.collection import DEFAULT_COLLECTION
+from service.duplicates import merges
 from service.duplicates.decision_schemas import Rule
 from service.duplicates.groups import undecided
 from service.duplicates.records import Decision, Pair, pair_of
 from service.shapes.service import purge_old
-from service.storage.tables import DuplicateDecisionRow
+from service.storage.tables import DuplicateDecisionRow, DuplicateMergeRow
 from tests.service.engines import on_both
 from tests.service.support import Running, assert_problem, module_service, small_file
 
@@ -34,6 +36,7 @@ def service(keeping: Running) -> Running:
     purge_old(keeping.container.database, timedelta(0))
     with keeping.container.database.write() as session:
         session.execute(delete(DuplicateDecisionRow))
+        session.execute(delete(DuplicateMergeRow))
     return keeping
 
 
@@ -141,20 +144,22 @@ def test_a_merge_joins_what_was_written_and_can_be_undone(service: Running) -> N
     merged = client.post("/duplicates/merge", json={"shapes": ids[::-1], "keep": ids[1]}).json()
     assert merged["shape"]["tags"] == ["blue", "red", "green"]
     assert merged["shape"]["metadata"] == {"y": "a", "z": [2], "x": 1}
-    undo = merged["undo"]
-    assert (undo["shape"], undo["deleted"]) == (ids[1], [ids[0], ids[2]])
+    (listed,) = client.get("/duplicates/merges").json()["merges"]
+    assert (listed["id"], listed["shape"]) == (merged["id"], ids[1])
+    assert listed["deleted"] == [ids[0], ids[2]]
     assert [shape["id"] for shape in client.get("/shapes").json()["shapes"]] == [ids[1]]
-    # Nothing is restored where the rest cannot be undone.
-    lost = client.post("/duplicates/merge/undo", json={**undo, "shape": "unknown"})
-    assert_problem(lost, 404, "shape-not-found")
-    assert client.get("/shapes").json()["total"] == 1
+    address = f"/duplicates/merges/{merged['id']}/undo"
+    # Nothing is restored where the rest cannot be undone, and the merge is kept.
+    assert client.delete(f"/shapes/{ids[1]}").status_code == 204
+    (left,) = client.post(address).json()["left"]
+    assert (set(left["shapes"]), ids[1] in left["reason"]) == (set(ids), True)
+    assert client.get("/shapes").json()["total"] == 0
     # A call that was cut off has restored some shapes, and is repeated.
-    assert client.post(f"/shapes/{ids[0]}/restore").status_code == 200
-    for _ in range(2):
-        assert client.post("/duplicates/merge/undo", json=undo).status_code == 200
-        assert stored() == before
-    unknown = client.post("/duplicates/merge/undo", json={**undo, "deleted": ["unknown"]})
-    assert_problem(unknown, 404, "shape-not-found")
+    for each in (ids[1], ids[0]):
+        assert client.post(f"/shapes/{each}/restore").status_code == 200
+    assert client.post(address).json() == {"groups": 1, "left": []}
+    assert stored() == before
+    assert_problem(client.post(address), 404, "merge-not-found")
     wrong = client.post("/duplicates/merge", json={"shapes": ids, "keep": "none of them"})
     assert_problem(wrong, 422, "bad-request-fields")
 
@@ -178,12 +183,14 @@ def test_a_rule_is_tried_before_it_is_applied(service: Running, copies: list[str
             done = client.apply_rule(rule)
             assert done.groups == 1
             assert groups(service) == []
-            if done.id is not None:
+            if rule.action != "merge":
+                assert done.id is not None
                 assert len(list(client.decisions())) == done.pairs == 2
                 client.delete_decision(done.id)
         left = {shape.id: shape for shape in client.shapes()}
-        for undo in done.merges:
-            client.undo_merge(undo)
+        assert done.id is not None
+        assert [each.id for each in client.merges()] == [done.id]
+        assert client.undo_merge(done.id).groups == 1
         assert stored() == before
     assert set(left) == {three, other}
     assert left[three].tags == ["all", "thr", "one", "two"]
@@ -204,7 +211,8 @@ def test_a_group_that_cannot_be_merged_by_a_rule_is_named_and_the_others_are_mer
     rule = {"action": "merge", "dry_run": False}
     answer = service.client.post("/duplicates/rule", json=rule).raise_for_status().json()
     assert (answer["groups"], answer["pairs"]) == (1, 3)
-    assert [{undo["shape"], *undo["deleted"]} for undo in answer["merges"]] == [set(copies[:3])]
+    (merged,) = service.client.get("/duplicates/merges").json()["merges"]
+    assert {merged["shape"], *merged["deleted"]} == set(copies[:3])
     (left,) = answer["left"]
     assert set(left["shapes"]) == {copies[3], *full}
     assert "tags" in left["reason"]
@@ -224,6 +232,41 @@ def test_a_rule_merges_no_group_of_which_two_shapes_are_decided_to_differ(servic
         pytest.fail("no two shapes were judged with the third")
     rule = {"action": "merge", "dry_run": False}
     answer = service.client.post("/duplicates/rule", json=rule).raise_for_status().json()
-    assert (answer["groups"], answer["merges"]) == (0, [])
+    assert (answer["groups"], answer["id"]) == (0, None)
     (left,) = answer["left"]
     assert (set(left["shapes"]), left["reason"]) == (set(shapes), "two of its shapes are decided to differ")
+
+
+def test_one_call_undoes_the_merge_of_all_groups_by_a_rule(
+    service: Running, copies: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of groups that several transactions merge, but for one whose shape is gone for good."""
+    monkeypatch.setattr(merges, "AT_ONCE", 1)
+    more = [service.store(small_file(5) + AGAIN * number, f"{number}.off")["id"] for number in range(2)]
+    lost = [service.store(small_file(6) + AGAIN * number, f"{number}.off")["id"] for number in range(2)]
+    found = groups(service)
+    with Client(str(service.client.base_url)) as client:
+        before = {shape.id: (shape.name, shape.tags, shape.metadata) for shape in client.shapes()}
+        done = client.apply_rule(Rule(action="merge", dry_run=False))
+        assert (done.groups, done.pairs, done.left) == (3, 5, [])
+        assert done.id is not None
+        client.purge(lost[1])
+        undone = client.undo_merge(done.id)
+        assert (undone.groups, [left.shapes for left in undone.left]) == (2, [lost])
+        assert lost[1] in undone.left[0].reason
+        before.pop(lost[1])
+        assert {shape.id: (shape.name, shape.tags, shape.metadata) for shape in client.shapes()} == before
+    assert groups(service) == [group for group in found if group != set(lost)]
+    assert {*copies[:3]} in found
+    assert {*more} in found
+    assert service.client.get("/duplicates/merges").json()["total"] == 1
+    # It is kept as long as deleted shapes are.
+    purge_old(service.container.database, timedelta(0))
+    assert service.client.get("/duplicates/merges").json()["total"] == 0
+
+
+def test_a_merge_for_good_has_no_undo(service: Running, copies: list[str]) -> None:
+    with service.container.database.write() as session:
+        merged = merges.merge(session, DEFAULT_COLLECTION.number, copies[:2], "oldest", timedelta(0))
+    assert merged.id is None
+    assert service.client.get("/duplicates/merges").json()["total"] == 0

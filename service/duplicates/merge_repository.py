@@ -1,0 +1,65 @@
+"""The SQL of merges of near-identical shapes."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+
+from sqlalchemy import delete, func, select
+
+from service.collection import CollectionNumber
+from service.storage.database import ReadSession, WriteSession
+from service.storage.tables import DuplicateMergeRow
+
+
+class Merge(NamedTuple):
+    """A merged group: the id of the shape that stayed, its former tags and metadata, the deleted ids."""
+
+    shape: str
+    tags: Sequence[str]
+    metadata: Mapping[str, Any]
+    deleted: list[str]
+
+
+def add(session: WriteSession, collection: CollectionNumber, act: str, merge: Merge) -> None:
+    """Store the merge of a group."""
+    session.add(
+        DuplicateMergeRow(
+            id=act,
+            collection_number=collection,
+            shape=merge.shape,
+            tags=list(merge.tags),
+            meta=dict(merge.metadata),
+            deleted=merge.deleted,
+            merged_at=datetime.now(UTC),
+        )
+    )
+
+
+def of_id(
+    session: ReadSession, collection: CollectionNumber, act: str, *, after: int, limit: int
+) -> list[tuple[int, Merge]]:
+    """Return the next groups of a merge, by number."""
+    row = DuplicateMergeRow
+    query = select(row).where(row.collection_number == collection, row.id == act, row.number > after)
+    rows = session.scalars(query.order_by(row.number).limit(limit))
+    return [(each.number, Merge(each.shape, each.tags, each.meta, each.deleted)) for each in rows]
+
+
+def page(
+    session: ReadSession, collection: CollectionNumber, *, after: int, limit: int
+) -> Sequence[DuplicateMergeRow]:
+    """Return the next `limit` merged groups of a collection, the oldest first."""
+    row = DuplicateMergeRow
+    query = select(row).where(row.collection_number == collection, row.number > after)
+    return session.scalars(query.order_by(row.number).limit(limit)).all()
+
+
+def count(session: ReadSession, collection: CollectionNumber) -> int:
+    """Return the number of the merged groups of a collection."""
+    row = DuplicateMergeRow
+    return session.scalar(select(func.count()).where(row.collection_number == collection)) or 0
+
+
+def remove(session: WriteSession, number: int) -> None:
+    """Delete the merge of a group."""
+    session.execute(delete(DuplicateMergeRow).where(DuplicateMergeRow.number == number))
