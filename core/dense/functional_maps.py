@@ -70,14 +70,15 @@ LEAST_TO_START, EACH, MOST_HELD = 3, 0.01, 0.5
 HOLDING, BIHARMONIC = 300.0, 30
 """Weight of the distance of landmarks beside the residual, and the functions of biharmonic distances."""
 
-FITS_AS_WELL, SCATTER, UNLIKE = 3.0, 0.06, 20.0
+FITS_AS_WELL, SCATTER, UNLIKE = 5.0, 0.06, 20.0
 """Largest difference of the costs of maps that fit about equally well, how much it grows with the cost of the
-best map, and the cost above which it grows. Between poses, of cost -50 to -30, the maps of octopus and pliers
-differ by 0 to 2; between unlike octopuses, of cost 100, by 7; wrong maps of bodies by 10 and more."""
+best map, and the cost above which it grows. Between poses, of cost -50 to 0, the maps of octopus, pliers and
+snake differ by 0 to 4; between unlike octopuses, of cost 100, by 7; wrong maps of bodies by 10 and more."""
 
-DIFFERENT = 0.4
-"""Root mean square biharmonic distance, over that of two points of the surface, of the images of vertices
-under different maps."""
+DIFFERENT = 0.5
+"""Least share of the area whose images are elsewhere under different maps: the mean squared distance of the
+images in the first `COMMUTING` functions, over that of two points of the surface. Low functions alone do not
+see a snake that is turned about its length."""
 
 CLEAR = 0.4
 """Least agreement of orientation, or of its negative, by which a map may differ from its start."""
@@ -289,7 +290,9 @@ def functional_map(
     reverses = oriented & (signs < 0.0)
     chosen = _chosen(fits, costs, reverses, (some[0].areas, some[1].areas), by_cost=held is not None)
     most = costs[chosen] + FITS_AS_WELL + SCATTER * max(costs[chosen] - UNLIKE, 0.0)
-    fits_too = (reverses == reverses[chosen]) & (costs <= most)
+    # Where orientation is unclear, it does not tell maps apart.
+    unclear = np.abs(agreements) < CLEAR
+    fits_too = ((reverses == reverses[chosen]) | (unclear & unclear[chosen])) & (costs <= most)
     order = np.argsort(costs, kind="stable")
     count = len(_different(*some, [maps[which] for which in order if fits_too[which]]))
     best = maps[chosen]
@@ -328,14 +331,14 @@ def _chosen(
 
 def _different(first: Basis, second: Basis, maps: Sequence[Floats]) -> list[Ints]:
     """Return the partners of all vertices under each map that is unlike those before it."""
-    rows = second.biharmonic
+    rows = second.functions[:, 1:COMMUTING]
     spread = 2.0 * float(second.areas @ _squares(rows))
     kept: list[Ints] = []
     for rotation in maps:
         size = len(rotation)
         partners = nearest_both_ways(first.functions[:, :size] @ rotation, second.functions[:, :size])[0]
         apart = (float(first.areas @ _squares(rows[partners] - rows[others])) / spread for others in kept)
-        if all(each > DIFFERENT**2 for each in apart):
+        if all(each > DIFFERENT for each in apart):
             kept.append(partners)
     return kept
 

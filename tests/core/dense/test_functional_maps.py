@@ -86,6 +86,17 @@ def test_pairs_that_are_all_wrong(body, shuffled):
     assert surface_distances(body)[found, np.arange(len(order))].mean() < 0.02
 
 
+def test_a_rod_may_be_turned_about_its_length():
+    outline = [(0.0, 0.0), *((1.0 - 0.04 * z, z) for z in range(13)), (0.0, 12.0)]
+    solid = trimesh.creation.revolve(outline, sections=16)
+    rod = basis(Mesh(solid.vertices, solid.faces), FUNCTIONS)
+    turned = cKDTree(solid.vertices).query(solid.vertices * (-1.0, -1.0, 1.0))[1]
+    everywhere = np.arange(len(turned))
+    as_it_is, about = (np.stack([everywhere, ends], axis=1) for ends in (everywhere, turned))
+    assert functional_map(rod, rod, [as_it_is, about]).fitting == 2
+    assert functional_map(rod, rod, [as_it_is, as_it_is]).fitting == 1
+
+
 def test_a_mesh_of_fewer_vertices_than_functions():
     solid = trimesh.creation.box((1.0, 2.0, 3.0)).subdivide()
     mesh = Mesh(solid.vertices, solid.faces)
@@ -162,6 +173,7 @@ def test_the_mirror_image_of_a_pose_is_told():
     for mesh, mirrored in ((posed, False), (image, True)):
         found, partners = dense_map(first, PreparedMesh.of(mesh, pipeline), pipeline)
         assert found.mirrored is mirrored
+        assert found.fitting == 1
         assert distances[partners, truth].mean() < 0.03
 
 
