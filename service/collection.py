@@ -18,10 +18,11 @@ _NAME = re.compile(NAME)
 
 @dataclass(frozen=True)
 class CollectionRecord:
-    """A named set of shapes."""
+    """A named set of shapes, and whether the request that names it may see the paths of files."""
 
     number: CollectionNumber
     name: str
+    shows_paths: bool = False
 
 
 DEFAULT_COLLECTION = CollectionRecord(CollectionNumber(1), "default")

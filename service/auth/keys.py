@@ -44,6 +44,11 @@ class Grant:
     signed_in: bool = False
     collections: frozenset[str] | None = None
 
+    @property
+    def shows_paths(self) -> bool:
+        """Whether the paths of files of the machine are shown: reading keys must not see them."""
+        return self.level == "full"
+
 
 @dataclass(frozen=True)
 class KeyEntry:

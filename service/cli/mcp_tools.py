@@ -41,7 +41,7 @@ class Tools:
         self._client = client
 
     def search_shapes(self, words: str = "", tags: list[str] | None = None, limit: int = 10) -> Written:
-        """List stored shapes that have all words in their name, tags or metadata, the best match first."""
+        """List stored shapes that have all words in name, tags, metadata or paths, the best match first."""
         page = self._client.page(q=words or None, tag=tags or [], limit=limit)
         return {"shapes": [_shape(shape) for shape in page.shapes], "total": page.total}
 

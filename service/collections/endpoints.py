@@ -1,5 +1,6 @@
 """The addresses under /collections, and the collection of a request: by its header, parameter and key."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Path, Query, Request, Response
@@ -64,7 +65,8 @@ async def _chosen(
     if name != DEFAULT_COLLECTION.name:
         collection = await container.database.reading(repository.get, name)
     request.scope[COLLECTION_IN_SCOPE] = collection.name
-    return collection
+    grant: Grant | None = request.scope.get(GRANT_IN_SCOPE)
+    return replace(collection, shows_paths=grant is not None and grant.shows_paths)
 
 
 def limits_of(request: Request) -> frozenset[str] | None:

@@ -139,10 +139,10 @@ async def apply_rule(rule: Rule, request: Request, container: Service, collectio
     together than a shape may have. The others are merged, and one call undoes all of it. A call that fails
     may have merged some groups, which GET /duplicates/merges has; the same call goes on with the others.
     """
+    wanted, who = rule.filtered(collection), _who(request, rule.decided_by)
 
     async def apply(active_pipeline: ActivePipeline) -> Decided:
-        who = _who(request, rule.decided_by)
-        return await decisions.apply_rule(container, collection.number, rule, who, active_pipeline)
+        return await decisions.apply_rule(container, wanted, rule, who, active_pipeline)
 
     async with container.queue.admitted(request):
         return await while_connected(request, with_active_pipeline(container, apply))

@@ -13,6 +13,7 @@ from service.errors import MissingError
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.shapes import service as shapes_service
+from service.shapes.records import ShapeFilter
 from service.shapes.schemas import write_cursor
 from service.storage.database import ReadSession, WriteSession
 
@@ -74,7 +75,7 @@ def remove(session: WriteSession, collection: CollectionNumber, decision_id: str
 
 async def apply_rule(
     container: Container,
-    collection: CollectionNumber,
+    wanted: ShapeFilter,
     rule: Rule,
     decided_by: str | None,
     active_pipeline: ActivePipeline,
@@ -85,7 +86,7 @@ async def apply_rule(
     """
     bounds = Search(active_pipeline.fingerprint, rule.variants)
     counted = Counted(rule.scaled, rule.mirrored)
-    wanted = rule.filtered(collection)
+    collection = wanted.collection
     answer = await service.find(container, wanted, bounds, counted, active_pipeline, Timings())
     groups = [
         [duplicate.shape for duplicate in group]

@@ -81,7 +81,7 @@ async def duplicates(
     further one after 20 seconds; `unjudged` says how many remain.
     """
     timings = Timings()
-    shapes = options.filtered(collection.number)
+    shapes = options.filtered(collection)
 
     async def find_groups(active_pipeline: ActivePipeline) -> DuplicatesAnswer:
         fingerprint = active_pipeline.fingerprint

@@ -111,7 +111,7 @@ async def query(
     """
     in_address = address.model_fields_set & SearchOptions.model_fields.keys() - body.model_fields_set
     options = body.model_copy(update={name: getattr(address, name) for name in in_address})
-    shapes, timings, number = options.filtered(collection.number), Timings(), collection.number
+    shapes, timings, number = options.filtered(collection), Timings(), collection.number
 
     async def answer_one(active_pipeline: ActivePipeline) -> QueryAnswer:
         if isinstance(body, StoredQuery):
@@ -183,7 +183,7 @@ async def query_batch(
     The answers have no warnings about other orders and units. A file that cannot be used has its problem in
     the place of an answer. If there is no shape with one of the ids, the whole batch is refused.
     """
-    about = batch, batch.filtered(collection.number)
+    about = batch, batch.filtered(collection)
     if isinstance(batch, FileBatch):
         files = [_searched(file) for file in batch.file]
         work = partial(answer_files, container, collection.number, files, *about)
@@ -260,7 +260,7 @@ def read_families(
     Two shapes are in one family if each is among the neighbours of the other and they have half of their
     neighbours in common, or if a chain of such pairs joins them.
     """
-    wanted = options.filtered(collection.number)
+    wanted = options.filtered(collection)
     with container.database.read() as session:
         fingerprint = container.pipelines.current(session).fingerprint
         return families_of(session, fingerprint, wanted, options.least_probability)
@@ -291,7 +291,7 @@ async def read_map(
     Similar shapes are near each other; shapes that are near each other may differ. While the neighbours of
     most shapes are unknown, the positions are the principal components of the signatures.
     """
-    shape_filter = options.filtered(collection.number)
+    shape_filter = options.filtered(collection)
 
     async def lay_out(active_pipeline: ActivePipeline) -> MapAnswer:
         return await run_in_threadpool(similarity_map_of, container, shape_filter, active_pipeline)
@@ -329,7 +329,7 @@ async def read_map_thumbnails(
     They stand row by row in the order of the list: the picture of the shape i is in the column i mod `size`
     and the row i / `size`. Pictures that nobody has asked for before are drawn, for about two seconds.
     """
-    shape_filter = options.filtered(collection.number)
+    shape_filter = options.filtered(collection)
     known = (request.headers.get("If-None-Match") or "").strip().strip('"')
     async with container.queue.admitted(request):
         draw = partial(map_sheet, container, shape_filter, known)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
-from service.collection import CollectionNumber
+from service.collection import CollectionRecord
 from service.http.problem_document import Cause
 from service.search.local_difference import LocalDifference
 from service.search.part_instances import PartInstances
@@ -174,7 +174,7 @@ class SearchOptions(Filters):
         description="Add the embedding of the query, as GET /shapes/{shape_id}/embedding gives it.",
     )
 
-    def filtered(self, collection: CollectionNumber) -> ShapeFilter:
+    def filtered(self, collection: CollectionRecord) -> ShapeFilter:
         """Return the filter of the shapes of a collection, without the excluded ones.
 
         Raises

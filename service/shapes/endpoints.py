@@ -299,7 +299,7 @@ def list_shapes(
     """
     sort = listing.order
     after = read_position(listing.cursor, sort)
-    wanted = replace(listing.filtered(collection.number), sha256=listing.sha256)
+    wanted = replace(listing.filtered(collection), sha256=listing.sha256)
     with container.database.read() as session:
         return service.list_page(session, wanted, after=after, limit=listing.limit, sort=sort)
 
@@ -320,7 +320,7 @@ def read_facets(
 
     With `tag_text`, the tags complete what somebody writes.
     """
-    names, wanted = limits_of(request), options.filtered(collection.number)
+    names, wanted = limits_of(request), options.filtered(collection)
     with container.database.read() as session:
         return facet_repository.facets(session, wanted, names, options.tag_text, options.limit)
 
@@ -366,7 +366,7 @@ async def change_shapes(
     """
     database, number = container.database, collection.number
     name = collection.name if wanted.collection is None else wanted.collection
-    shapes = wanted.filtered(number)
+    shapes = wanted.filtered(collection)
 
     async def apply() -> BulkChanged:
         target = (await database.reading(named_too, request, name)).number

@@ -82,11 +82,11 @@ class StoredFile:
 class ShapeFilter:
     """A filter of the shapes of a collection: all conditions must hold.
 
-    A shape that passes has all `words` (`service.shapes.word_repository`), each of `tags`, a name that
-    contains `name` in any case, the keys and values of `metadata`, a file of the format `file_format` and
-    with the SHA-256 `sha256`, and none of the ids `excluded`. Its surface area, volume and largest extent of
-    the bounding box, in units of the file, are in the ranges `area`, `volume` and `length`. Open surfaces
-    have no volume.
+    A shape that passes has all `words` (`service.shapes.word_repository`), `by_paths` also in the paths of
+    its files, each of `tags`, a name that contains `name` in any case, the keys and values of `metadata`, a
+    file of the format `file_format` and with the SHA-256 `sha256`, and none of the ids `excluded`. Its
+    surface area, volume and largest extent of the bounding box, in units of the file, are in the ranges
+    `area`, `volume` and `length`. Open surfaces have no volume.
     """
 
     collection: CollectionNumber
@@ -99,6 +99,7 @@ class ShapeFilter:
     volume: Range | None = None
     length: Range | None = None
     words: str | None = None
+    by_paths: bool = False
     sha256: str | None = None
 
     @property

@@ -75,7 +75,7 @@ def conditions(shapes: ShapeFilter) -> ColumnElement[bool]:
         same = select(MetadataRow.shape_number).where(MetadataRow.key == key, MetadataRow.value == value)
         required.append(ShapeRow.number.in_(same))
     if shapes.words:
-        required.append(having(shapes.words))
+        required.append(having(shapes.words, by_paths=shapes.by_paths))
     if shapes.name:
         required.append(ShapeRow.folded_name.contains(shapes.name.casefold(), autoescape=True))
     if shapes.file_format is not None:
@@ -156,7 +156,7 @@ def _most_relevant(
 
     One statement counts them all too: to find them takes most of its time.
     """
-    found = relevances(shapes.words or "")
+    found = relevances(shapes.words or "", by_paths=shapes.by_paths)
     every = (
         matching(replace(shapes, words=None))
         .with_only_columns(ShapeRow.number, found.c.points, func.count().over().label("total"))
@@ -314,7 +314,7 @@ def add_shape(
     )
     _write_tags(session, number, new.tags)
     _write_plain_values(session, number, new.metadata)
-    index_words(session, number)
+    index_words(session, [number])
     _store_checksums(session, [number])
     return records(session, new.collection, [number])[0]
 
@@ -332,7 +332,7 @@ def change(session: WriteSession, number: int, changes: Mapping[str, Any]) -> No
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
         _write_tags(session, number, changes["tags"])
     _update(session, number, values)
-    index_words(session, number)
+    index_words(session, [number])
 
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
@@ -358,7 +358,7 @@ def move_shape(session: WriteSession, record: ShapeRecord, collection: Collectio
     number = session.insert(ShapeRow, row)
     _write_tags(session, number, record.tags)
     _write_plain_values(session, number, record.metadata)
-    index_words(session, number)
+    index_words(session, [number])
     erase_shape(session, record)
     _update(session, number, {**_updated_now(), "id": record.id})
 

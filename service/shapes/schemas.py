@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
 from core.io import FORMATS
 from core.parameters import INCOMPLETE
-from service.collection import NAME, CollectionNumber
+from service.collection import NAME, CollectionRecord
 from service.errors import BadRequestFieldsError, FieldFault
 from service.shapes.fields import ListedTags, Metadata, Name, Tags, clean_text, storable_text
 from service.shapes.records import Position, Range, ShapeFilter, ShapeRecord, Sort, StoredShape
@@ -58,9 +58,10 @@ class Filters(BaseModel):
     q: Annotated[str, AfterValidator(clean_text)] | None = Field(
         default=None,
         max_length=255,
-        description="Only shapes that have all these words in their name, tags or metadata. Upper and lower "
-        "case, accents, and spellings such as ä, ae and a are equal; a word may be the beginning of another "
-        "one or, of 4 letters or more, a part of it; of 5 letters or more it may have one spelling mistake.",
+        description="Only shapes that have all these words in their name, tags or metadata; for a key with "
+        "full access, also in the paths of their files. Upper and lower case, accents, and spellings such as "
+        "ä, ae and a are equal; a word may be the beginning of another one or, of 4 letters or more, a part "
+        "of it; of 5 letters or more it may have one spelling mistake.",
         examples=["phone stand"],
     )
     tag: ListedTags = Field(
@@ -111,8 +112,8 @@ class Filters(BaseModel):
         examples=["..60"],
     )
 
-    def filtered(self, collection: CollectionNumber) -> ShapeFilter:
-        """Return the filter of the shapes of a collection.
+    def filtered(self, collection: CollectionRecord) -> ShapeFilter:
+        """Return the filter of the shapes of a collection; words are those of paths too if it shows them.
 
         Raise BadRequestFieldsError if a condition on metadata is not written key=value.
         """
@@ -125,12 +126,13 @@ class Filters(BaseModel):
         sizes = {"area": self.area, "volume": self.volume, "length": self.length}
         ranges: dict[str, Any] = {name: range_of(text) for name, text in sizes.items() if text is not None}
         return ShapeFilter(
-            collection,
+            collection.number,
             tuple(self.tag),
             self.name,
             tuple(metadata),
             self.file_format,
             words=self.q or None,
+            by_paths=bool(self.q) and collection.shows_paths,
             **ranges,
         )
 

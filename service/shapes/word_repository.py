@@ -5,39 +5,71 @@ from collections.abc import Iterable, Sequence
 from sqlalchemy import ColumnElement, Integer, Subquery, delete, insert, select, text
 
 from service.storage.database import WriteSession, drop_unused_words
-from service.storage.tables import ShapeRow, ShapeWordRow, TagRow, WordRow
-from service.storage.words import Term, terms_of, words_of
+from service.storage.tables import ShapeRow, ShapeWordRow, SourceFileRow, TagRow, WordRow
+from service.storage.words import IN_PATH, MOST_PATHS, Term, terms_of, words_of
 
 EXACT, BEGINNING, INSIDE, NEAR = 8, 4, 2, 1
 """Points of a word of a shape that is a term, begins with it, contains it, or differs from it by one edit.
 The weight of the word multiplies them."""
 
+AT_ONCE = 50
+"""Shapes whose words one statement reads: SQLite takes no more than 32,766 values."""
+
 _AFTER = "\U0010ffff"
 
 
-def index_words(session: WriteSession, number: int) -> None:
-    """Index the words of a shape whose name, tags or metadata this transaction has written."""
+def index_words(session: WriteSession, numbers: Iterable[int]) -> None:
+    """Index the words of shapes whose name, tags, metadata or paths this transaction has written."""
     session.flush()
-    name, metadata = session.execute(
-        select(ShapeRow.name, ShapeRow.meta).where(ShapeRow.number == number)
-    ).one()
-    tags = session.scalars(
-        select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.position)
-    ).all()
-    weights = words_of(name, tags, metadata)
-    rows = select(ShapeWordRow.word_number).where(ShapeWordRow.shape_number == number)
-    known = set(session.scalars(rows))
-    session.execute(delete(ShapeWordRow).where(ShapeWordRow.shape_number == number))
-    numbers = _numbers_of(session, weights)
-    if weights:
-        session.execute(
-            insert(ShapeWordRow),
-            [
-                {"word_number": numbers[word], "shape_number": number, "weight": weight}
-                for word, weight in weights.items()
-            ],
-        )
-    drop_unused_words(session, known - set(numbers.values()))
+    every = sorted(set(numbers))
+    for start in range(0, len(every), AT_ONCE):
+        _index(session, every[start : start + AT_ONCE])
+
+
+def _index(session: WriteSession, numbers: Sequence[int]) -> None:
+    """Write the words of those of some shapes that have others than the index says."""
+    indexed: dict[int, dict[str, int]] = {}
+    words: dict[int, set[int]] = {}
+    rows = (
+        select(ShapeWordRow, WordRow.word)
+        .join(WordRow, WordRow.number == ShapeWordRow.word_number)
+        .where(ShapeWordRow.shape_number.in_(numbers))
+    )
+    for row, word in session.execute(rows):
+        indexed.setdefault(row.shape_number, {})[word] = row.weight
+        words.setdefault(row.shape_number, set()).add(row.word_number)
+    tags: dict[int, list[str]] = {}
+    of_shapes = TagRow.shape_number.in_(numbers)
+    for number, tag in session.execute(
+        select(TagRow.shape_number, TagRow.tag).where(of_shapes).order_by(TagRow.position)
+    ):
+        tags.setdefault(number, []).append(tag)
+    shapes = select(ShapeRow.number, ShapeRow.name, ShapeRow.meta).where(ShapeRow.number.in_(numbers))
+    weights = {
+        number: words_of(name, tags.get(number, ()), metadata, _paths_of(session, number))
+        for number, name, metadata in session.execute(shapes).all()
+    }
+    changed = {number: own for number, own in weights.items() if own != indexed.get(number, {})}
+    if not changed:
+        return
+    session.execute(delete(ShapeWordRow).where(ShapeWordRow.shape_number.in_(changed)))
+    numbers_of = _numbers_of(session, dict.fromkeys(word for own in changed.values() for word in own))
+    written = [
+        {"word_number": numbers_of[word], "shape_number": number, "weight": weight}
+        for number, own in changed.items()
+        for word, weight in own.items()
+    ]
+    if written:
+        session.execute(insert(ShapeWordRow), written)
+    left = set().union(*(words.get(number, ()) for number in changed))
+    drop_unused_words(session, left - set(numbers_of.values()))
+
+
+def _paths_of(session: WriteSession, number: int) -> Sequence[str]:
+    """Return the paths of the files of a shape, in the order in which `isoshape check` reads them."""
+    paths = select(SourceFileRow.path).where(SourceFileRow.shape_number == number)
+    order = SourceFileRow.source_number, SourceFileRow.number
+    return session.scalars(paths.order_by(*order).limit(MOST_PATHS)).all()
 
 
 def _numbers_of(session: WriteSession, words: Iterable[str]) -> dict[str, int]:
@@ -51,12 +83,12 @@ def _numbers_of(session: WriteSession, words: Iterable[str]) -> dict[str, int]:
     return numbers
 
 
-def having(query: str) -> ColumnElement[bool]:
-    """Return the condition that a shape has all words of a query."""
-    return ShapeRow.number.in_(select(relevances(query).c.shape_number))
+def having(query: str, *, by_paths: bool) -> ColumnElement[bool]:
+    """Return the condition that a shape has all words of a query, `by_paths` also in its files' paths."""
+    return ShapeRow.number.in_(select(relevances(query, by_paths=by_paths).c.shape_number))
 
 
-def relevances(query: str) -> Subquery:
+def relevances(query: str, *, by_paths: bool) -> Subquery:
     """Return the numbers of the shapes that have all words of a query, and their `points`.
 
     A word of a shape counts as a term if it is the term, begins with it, contains it, or differs from it by
@@ -65,16 +97,18 @@ def relevances(query: str) -> Subquery:
     points. The statement is text: expressions of SQLAlchemy for it take longer to make than it takes to run.
     """
     values = _Values()
+    least = IN_PATH if by_paths else IN_PATH + 1
     terms = terms_of(query)
     gathered = [term for term in terms if not term.is_exact]
     required = sum(term.required for term in gathered)
+    of_terms = " UNION ALL ".join(_of_term(term, least, values) for term in gathered)
     statement = f"""
         SELECT shape_number, sum(points) AS points
-        FROM ({" UNION ALL ".join(_of_term(term, values) for term in gathered) or _NOTHING}) AS of_terms
+        FROM ({of_terms or _NOTHING}) AS of_terms
         GROUP BY shape_number HAVING sum(required) = {required}"""
     for term in terms:
         if term.is_exact:
-            statement = _having(statement, term, values)
+            statement = _having(statement, term, least, values)
     columns = {"shape_number": Integer, "points": Integer}
     return text(statement).bindparams(**values).columns(**columns).subquery()
 
@@ -96,7 +130,7 @@ class _Values(dict[str, str]):
         return ", ".join(map(self.name, values))
 
 
-def _having(shapes: str, term: Term, values: _Values) -> str:
+def _having(shapes: str, term: Term, least: int, values: _Values) -> str:
     """Return a query of those of some shapes that have an exact term, with its points added.
 
     Single letters and numbers, as of sizes, are the words that most shapes have: they are looked up for the
@@ -106,17 +140,18 @@ def _having(shapes: str, term: Term, values: _Values) -> str:
         SELECT of_others.shape_number, of_others.points + {EXACT} * shape_words.weight AS points
         FROM ({shapes}) AS of_others CROSS JOIN shape_words
         WHERE shape_words.word_number = (SELECT number FROM words WHERE word = {values.name(term.word)})
-        AND shape_words.shape_number = of_others.shape_number"""
+        AND shape_words.shape_number = of_others.shape_number AND shape_words.weight >= {least}"""
 
 
-def _of_term(term: Term, values: _Values) -> str:
+def _of_term(term: Term, least: int, values: _Values) -> str:
     """Return a query of the shapes that have a term, each with its most points."""
-    joined = f"UNION ALL {_joined(term.splits, values)}" if term.splits else ""
+    joined = f"UNION ALL {_joined(term.splits, least, values)}" if term.splits else ""
     return f"""
         SELECT shape_number, max(points) AS points, {int(term.required)} AS required
         FROM (SELECT shape_words.shape_number, shape_words.weight * fitting.points AS points
               FROM ({_fitting(term, values)}) AS fitting
-              JOIN shape_words ON shape_words.word_number = fitting.number {joined}) AS of_words
+              JOIN shape_words ON shape_words.word_number = fitting.number
+              AND shape_words.weight >= {least} {joined}) AS of_words
         GROUP BY shape_number"""
 
 
@@ -165,7 +200,7 @@ def _like_one_of(patterns: Iterable[str], values: _Values) -> str:
     return " OR ".join(f"word LIKE {values.name(pattern)}" for pattern in patterns)
 
 
-def _joined(splits: Sequence[tuple[str, str]], values: _Values) -> str:
+def _joined(splits: Sequence[tuple[str, str]], least: int, values: _Values) -> str:
     """Return a query of the shapes that have both words of one of some splits of a term, with points."""
     return f"""
         SELECT of_first.shape_number, of_first.weight * {BEGINNING} AS points
@@ -174,4 +209,5 @@ def _joined(splits: Sequence[tuple[str, str]], values: _Values) -> str:
         JOIN words AS second ON second.number = of_second.word_number
         WHERE first.word IN ({values.names(word for word, _ in splits)})
         AND second.word IN ({values.names(word for _, word in splits)})
+        AND of_first.weight >= {least} AND of_second.weight >= {least}
         AND length(first.word) + length(second.word) = {sum(map(len, splits[0]))}"""

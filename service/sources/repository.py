@@ -10,6 +10,7 @@ from sqlalchemy import Row, bindparam, delete, func, insert, or_, select, update
 from service.collection import CollectionNumber
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeRecord
+from service.shapes.word_repository import index_words
 from service.sources.schemas import FileState
 from service.sources.walk import FoundFile
 from service.storage.database import ReadSession, WriteSession
@@ -199,22 +200,40 @@ def write(
     """Write a file as it was found, with further columns, in place of what was known of its path."""
     columns = {**as_found(found), "kind": None, "detail": None, "missing_since": None, **values}
     (columns,) = _without_erased(session, [columns])
+    before = set() if known is None else _shapes_of(session, [known.number])
     if known is not None:
         session.execute(update(SourceFileRow).where(SourceFileRow.number == known.number).values(columns))
     else:
         session.execute(insert(SourceFileRow).values(source_number=source, key=key, **columns))
+    index_words(session, before | _shapes_in([columns]))
 
 
 def add_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
     """Add files; `rows` have all columns."""
-    session.execute(insert(SourceFileRow), _without_erased(session, rows))
+    written = _without_erased(session, rows)
+    session.execute(insert(SourceFileRow), written)
+    index_words(session, _shapes_in(written))
 
 
 def update_all(session: WriteSession, rows: Sequence[Mapping[str, Any]]) -> None:
     """Write the same columns of several files, each given with its `number`, unless they were deleted."""
     values = [{"of_file": row.pop("number"), **row} for row in _without_erased(session, rows)]
     of_file = SourceFileRow.number == bindparam("of_file")
+    moved = [row["of_file"] for row in values if not row.keys().isdisjoint({"path", "shape_number"})]
+    before = _shapes_of(session, moved)
     session.connection().execute(update(SourceFileRow).where(of_file), values)
+    index_words(session, before | _shapes_in(values))
+
+
+def _shapes_of(session: ReadSession, numbers: Collection[int]) -> set[int]:
+    """Return the shapes of some files, whose words have those of the paths."""
+    shapes = select(SourceFileRow.shape_number).where(SourceFileRow.number.in_(numbers))
+    return {shape for shape in session.scalars(shapes) if shape is not None}
+
+
+def _shapes_in(rows: Iterable[Mapping[str, Any]]) -> set[int]:
+    """Return the shapes in columns of files."""
+    return {row["shape_number"] for row in rows if row.get("shape_number") is not None}
 
 
 def _without_erased(session: ReadSession, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -231,7 +250,9 @@ def _without_erased(session: ReadSession, rows: Sequence[Mapping[str, Any]]) -> 
 
 def forget(session: WriteSession, numbers: Collection[int]) -> None:
     """Delete files, but not their shapes."""
+    shapes = _shapes_of(session, numbers)
     session.execute(delete(SourceFileRow).where(SourceFileRow.number.in_(numbers)))
+    index_words(session, shapes)
 
 
 def forget_refused(session: WriteSession, number: int, kind: str) -> None:
@@ -351,7 +372,7 @@ def removed(session: ReadSession) -> Sequence[SourceRow]:
 
 
 def erase(session: WriteSession, number: int) -> None:
-    """Delete a source and what is known of its files."""
+    """Delete a source, whose files are forgotten."""
     session.execute(delete(SourceRow).where(SourceRow.number == number))
 
 

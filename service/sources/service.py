@@ -169,6 +169,11 @@ def forget_removed(database: Database, keep: timedelta) -> None:
         if state != REMOVED:
             delete_shapes(database, number, keep)
         if removed_at is not None and removed_at <= datetime.now(UTC) - keep:
+            files: Sequence[int] = [0]
+            while files:
+                with database.write(deleting=True) as session:
+                    files = repository.some_files(session, number, 0, AT_ONCE)
+                    repository.forget(session, files)
             with database.write(deleting=True) as session:
                 repository.erase(session, number)
 

@@ -31,7 +31,7 @@ from service.storage.checksums import (
 )
 from service.storage.database import check_known
 from service.storage.tables import Table
-from service.storage.words import words_of
+from service.storage.words import MOST_PATHS, words_of
 
 # Writers wait while a batch is read.
 BLOBS_AT_ONCE = 8
@@ -251,7 +251,9 @@ class _Check:
             return
         words = "SELECT word, backward, weight FROM shape_words JOIN words ON number = word_number"
         indexed = self._connection.execute(f"{words} WHERE shape_number = ?", [number])
-        own_words = words_of(str(shape["name"]), own_tags, json.loads(str(shape["meta"])))
+        paths = "SELECT path FROM source_files WHERE shape_number = ? ORDER BY source_number, number LIMIT ?"
+        own_paths = [path for (path,) in self._connection.execute(paths, [number, MOST_PATHS])]
+        own_words = words_of(str(shape["name"]), own_tags, json.loads(str(shape["meta"])), own_paths)
         if set(indexed) != {(word, word[::-1], weight) for word, weight in own_words.items()}:
             yield f"shape {shape['id']} is indexed by other words than its own"
 

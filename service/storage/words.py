@@ -1,4 +1,4 @@
-"""The words of names, tags and metadata as a search compares them, on both databases alike.
+"""The words of names, tags, metadata and paths as a search compares them, on both databases alike.
 
 Words are folded: upper and lower case, accents, ß and ss, ø and o, and the spellings ä, ae and a are equal.
 "Phone-Stand_M8x40" has the words phone, stand, m, 8, x and 40, and the run m8x40.
@@ -13,13 +13,16 @@ WORD_CHARACTERS = 64
 """Characters of a word; the rest of a longer one is not looked at."""
 
 MOST_WORDS = 512
-"""Words of a shape that are searched: those of the name first, then those of the tags and the metadata."""
+"""Words of a shape that are searched: of the name first, then of the tags, the metadata and the paths."""
+
+MOST_PATHS = 20
+"""Files of a shape whose paths are searched."""
 
 MOST_TERMS = 16
 """Words of a query; the rest is not looked at."""
 
-IN_NAME, IN_TAG, IN_METADATA = 3, 2, 1
-"""Weights of a word by the field that has it."""
+IN_NAME, IN_TAG, IN_METADATA, IN_PATH = 6, 4, 2, 1
+"""Weights of a word by the field that has it. Words of the weight `IN_PATH` are in paths alone."""
 
 _LETTERS = str.maketrans(
     {"ø": "o", "æ": "ae", "œ": "oe", "ł": "l", "đ": "d", "ð": "d", "þ": "th", "ı": "i", "ħ": "h"}
@@ -82,10 +85,13 @@ def _run(words: Sequence[str]) -> str | None:
     return whole if len(words) > 1 and any(map(str.isdecimal, whole)) else None
 
 
-def words_of(name: str, tags: Sequence[str], metadata: Mapping[str, Any]) -> dict[str, int]:
+def words_of(
+    name: str, tags: Sequence[str], metadata: Mapping[str, Any], paths: Sequence[str] = ()
+) -> dict[str, int]:
     """Return the words and runs of a shape, each with its largest weight."""
     texts = [(name, IN_NAME), *((tag, IN_TAG) for tag in tags)]
     texts += [(value, IN_METADATA) for value in _values(metadata)]
+    texts += [(path, IN_PATH) for path in paths[:MOST_PATHS]]
     weights: dict[str, int] = {}
     for text, weight in texts:
         for words in runs(text):

@@ -167,7 +167,7 @@ def test_a_spoilt_embedding_is_named(archive: Path, spoil: Spoil, fault: str) ->
         ("UPDATE shapes SET created_at = '2020-01-01 00:00:00.000000' WHERE number = 2", ["shape "]),
         ("UPDATE shape_tags SET tag = 'another' WHERE shape_number = 2", ["shape "]),
         ("DELETE FROM shape_metadata WHERE shape_number = 2", ["shape "]),
-        ("UPDATE shape_words SET weight = 2 WHERE shape_number = 2 AND weight = 3", ["shape "]),
+        ("UPDATE shape_words SET weight = 4 WHERE shape_number = 2 AND weight = 6", ["shape "]),
         ("UPDATE words SET backward = 'x' WHERE word = 'tag'", ["shape "] * 3),
         ("INSERT INTO words VALUES (99, 'lost', 'tsol')", ["word 99 is of no shape"]),
         (

@@ -7,7 +7,9 @@ import pytest
 from service.storage.words import (
     IN_METADATA,
     IN_NAME,
+    IN_PATH,
     IN_TAG,
+    MOST_PATHS,
     MOST_WORDS,
     Term,
     fold,
@@ -55,7 +57,8 @@ def test_words_end_at_marks_capitals_and_digits(text: str, expected: list[list[s
 
 
 def test_the_words_of_a_shape_have_the_weight_of_their_best_field() -> None:
-    words = words_of("Lamp M8", ("lamp", "red"), {"maker": {"names": ["Lamp Red Blå", 7, True, None]}})
+    metadata = {"maker": {"names": ["Lamp Red Blå", 7, True, None]}}
+    words = words_of("Lamp M8", ("lamp", "red"), metadata, ["Red lights/Lamp.stl"])
     assert words == {
         "lamp": IN_NAME,
         "m": IN_NAME,
@@ -64,7 +67,10 @@ def test_the_words_of_a_shape_have_the_weight_of_their_best_field() -> None:
         "red": IN_TAG,
         "bla": IN_METADATA,
         "7": IN_METADATA,
+        "lights": IN_PATH,
+        "stl": IN_PATH,
     }
+    assert len(words_of("", (), {}, [f"{i}.stl" for i in range(9_999)])) == MOST_PATHS + 1
     assert len(words_of("lamp", (), {"text": " ".join(f"word{i}" for i in range(9_999))})) == MOST_WORDS
 
 
