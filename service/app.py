@@ -58,6 +58,7 @@ from service.system.endpoints import session_router
 from service.system.schemas import VERSION
 from service.turns import Shares, Turns
 from service.web.endpoints import router as page_router
+from service.webhooks.sender import keep_telling
 
 DESCRIPTOR_BYTES = 256 * 1024**2
 """Memory for descriptors of stored shapes: 34 kB each, 108 kB for an incomplete shape."""
@@ -114,6 +115,8 @@ def create_app(settings: Settings, *, watches: bool = False) -> FastAPI:
         # Judging reads all signatures into memory, which this setting avoids.
         if settings.duplicates_in_background and settings.signatures == "memory":
             works.append(keep_judging(app.state.container))
+        if settings.webhook_url:
+            works.append(keep_telling(app.state.container))
         beside = [asyncio.create_task(work) for work in works]
         metrics.watch(
             "job_files", "Files of bulk jobs that are at work.", lambda: app.state.runner.active_members

@@ -1,5 +1,6 @@
 """The settings of the service: environment variables that begin with ISOSHAPE_."""
 
+import base64
 import json
 import os
 import re
@@ -27,6 +28,7 @@ Seconds = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Digests = Annotated[tuple[str, ...], NoDecode]
 
 _HOST = re.compile(r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]")
+_ADDRESS = re.compile(r"https?://[^\s/?#]+(?:[/?][^\s#]*)?")
 _SCHEDULER = re.compile(r"(?:tcp|tls)://[^\s/:]+:\d{1,5}")
 
 
@@ -34,6 +36,14 @@ class SettingsError(ExpectedError):
     """The environment, or the file of parameters that it names, is invalid; the message gives the reason."""
 
     status = 2
+
+
+def _bytes_of(secret: str) -> bytes:
+    """Return the bytes of a secret in the form of Standard Webhooks; none if it has another form."""
+    try:
+        return base64.b64decode(secret.removeprefix("whsec_"), validate=True)
+    except ValueError:
+        return b""
 
 
 def available_processors() -> int:
@@ -86,6 +96,10 @@ class Settings(BaseSettings):
 
     # Folders in place.
     source_roots: Annotated[tuple[str, ...], NoDecode] = ()
+
+    # Messages about what is new.
+    webhook_secret: str = ""
+    webhook_url: str = ""
 
     # Deleted and near-identical shapes.
     undo_days: float = Field(default=7.0, ge=0, le=3660, allow_inf_nan=False)
@@ -146,6 +160,22 @@ class Settings(BaseSettings):
             raise ValueError(f"must be absolute paths of folders, separated by {os.pathsep}")
         return tuple(folders)
 
+    @field_validator("webhook_secret")
+    @classmethod
+    def _is_a_secret(cls, secret: str) -> str:
+        if secret and not 24 <= len(_bytes_of(secret)) <= 64:
+            raise ValueError("must be whsec_ and 24 to 64 random bytes in base64")
+        return secret
+
+    @field_validator("webhook_url")
+    @classmethod
+    def _is_an_address(cls, address: str, others: ValidationInfo) -> str:
+        if address and not _ADDRESS.fullmatch(address):
+            raise ValueError("must be the address of a receiver, as in https://host/path")
+        if address and others.data.get("webhook_secret") == "":
+            raise ValueError(f"messages are signed: set {PREFIX}WEBHOOK_SECRET too")
+        return address
+
     @field_validator("scheduler")
     @classmethod
     def _names_a_scheduler(cls, scheduler: str) -> str:
@@ -181,6 +211,11 @@ class Settings(BaseSettings):
     def has_keys(self) -> bool:
         """Whether requests need a key."""
         return bool(self.api_keys or self.read_keys)
+
+    @property
+    def webhook_key(self) -> bytes:
+        """The key that signs messages."""
+        return _bytes_of(self.webhook_secret)
 
     @property
     def undo_time(self) -> timedelta:

@@ -26,13 +26,14 @@ from service.storage.tables import (
     CollectionRow,
     EmbeddingRow,
     PipelineRow,
+    WebhookRow,
 )
 from service.storage.tables import Table as ArchiveTable
 
 ROWS_AT_ONCE = 500
 BYTES_AT_ONCE = 16 * 1024**2
 # Tables with rows that migrations, and the first start of a service, write into an empty archive.
-WRITTEN_AT_THE_START = {ArchiveRow.__tablename__, CollectionRow.__tablename__, PipelineRow.__tablename__}
+WRITTEN_AT_THE_START = {row.__tablename__ for row in (ArchiveRow, CollectionRow, PipelineRow, WebhookRow)}
 
 _TABLES = ArchiveTable.metadata
 

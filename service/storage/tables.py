@@ -416,7 +416,7 @@ class JobRow(Table):
     `client` is the digest of the key that sent the archive, or the address without keys.
     `number` increases in the order of creation. `state` is one of `service.jobs.schemas.State`. `runner`
     identifies the service that runs the job; it counts as dead after `leased_until`. Until the job ends, its
-    archive is a file (`service.jobs.service.Jobs.archive_path`).
+    archive is a file (`service.jobs.service.Jobs.archive_path`). `told`: a webhook has told its end.
     """
 
     __tablename__ = "jobs"
@@ -442,6 +442,7 @@ class JobRow(Table):
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
     started_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
     ended_at: Mapped[datetime | None] = mapped_column(UtcDateTime)
+    told: Mapped[bool] = mapped_column(default=False)
 
 
 class JobFileRow(Table):
@@ -533,3 +534,20 @@ class SourceFileRow(Table):
     kind: Mapped[str | None] = mapped_column(String(64))
     detail: Mapped[str | None] = mapped_column(Text)
     missing_since: Mapped[datetime | None] = mapped_column(UtcDateTime)
+
+
+class WebhookRow(Table):
+    """What a webhook has told of one kind of rows, and the message that is not delivered yet.
+
+    `told` is the number of the last row that messages have told of. A message has an `id`, which all attempts
+    to deliver it share, and a `body`; `due_at` is the time of the next attempt.
+    """
+
+    __tablename__ = "webhooks"
+
+    kind: Mapped[str] = mapped_column(String(32), primary_key=True)
+    told: Mapped[int]
+    id: Mapped[str | None] = mapped_column(String(64))
+    body: Mapped[str | None] = mapped_column(Text)
+    attempts: Mapped[int]
+    due_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

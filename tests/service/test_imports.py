@@ -23,7 +23,7 @@ ORDER = (
     "service.http", "service.rendering", "service.web", "service.compute",
     "service.index", "service.pipelines", "service.container", "service.collections",
     "service.shapes", "service.previews", "service.search", "service.duplicates",
-    "service.jobs", "service.sources", "service.system", "service.app",
+    "service.jobs", "service.sources", "service.webhooks", "service.system", "service.app",
     "service.client", "service.server", "service.console", "service.datasets", "service.report",
     "service.evaluation", "service.cli", "service.cli.evaluation",
     "service",

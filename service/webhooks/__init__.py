@@ -1,0 +1,3 @@
+"""Webhooks: messages that tell an address of the operator what is new in the archive."""
+
+__all__ = ["sender"]
