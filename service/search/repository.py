@@ -225,12 +225,26 @@ def pieces(
     The pieces have a size, the root of the area, in one of the ranges `sizes`, and are those of shapes of
     several pieces, or else of one. At most `AT_ONCE` are read, of the oldest shapes.
     """
-    query = _embedded(select(ShapeRow.number, PieceRow.lengths), fingerprint, shapes)
-    query = query.join(PieceRow, PieceRow.embedding_number == EmbeddingRow.number).where(
-        or_(*(PieceRow.size.between(*each) for each in sizes)),
-        PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1,
+    # The pieces of these sizes come first, and their shapes are told by the filter afterwards: SQLite would
+    # look up the pieces of every shape of the collection, as it takes any equality for a rare one.
+    of_shape = ShapeRow.number, ShapeRow.collection_number, ShapeRow.deleted_at
+    sized = (
+        select(*of_shape, PieceRow.place, PieceRow.lengths)
+        .join(EmbeddingRow, OF_SHAPE)
+        .join(PieceRow, PieceRow.embedding_number == EmbeddingRow.number)
+        .where(
+            EmbeddingRow.fingerprint == fingerprint,
+            or_(*(PieceRow.size.between(*each) for each in sizes)),
+            PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1,
+        )
     )
-    rows = session.execute(query.order_by(ShapeRow.number, PieceRow.place).limit(AT_ONCE))
+    near = sized.cte("near").prefix_with("MATERIALIZED")
+    query = select(near.c.number, near.c.lengths).where(
+        near.c.collection_number == shapes.collection, near.c.deleted_at.is_(None)
+    )
+    if not shapes.is_empty:
+        query = query.where(near.c.number.in_(matching(shapes)))
+    rows = session.execute(query.order_by(near.c.number, near.c.place).limit(AT_ONCE))
     return [(number, lengths) for number, lengths in rows]
 
 
