@@ -1,7 +1,9 @@
 """The errors of the service, and the table of problems with which they are answered."""
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from core.errors import BadRecordError
 
@@ -48,6 +50,15 @@ class FieldFault:
 
     field: str
     message: str
+
+
+_WORDS = {"extra_forbidden": "there is no field or parameter of this name", "missing": "is required"}
+
+
+def fault_text(error: Mapping[str, Any]) -> str:
+    """Return one of pydantic's errors in words of the service."""
+    message = error["msg"].removeprefix("Value error, ")
+    return _WORDS.get(error["type"]) or re.sub(r"^\w+ should ", "must ", message)
 
 
 class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):

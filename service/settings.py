@@ -17,7 +17,7 @@ from core.errors import ParameterError
 from core.io import DEFAULT_LIMITS, Limits
 from core.parameters import DEFAULT, PAPER, Parameters
 from service.auth.keys import KeyEntry
-from service.errors import ExpectedError
+from service.errors import ExpectedError, fault_text
 
 PREFIX = "ISOSHAPE_"
 
@@ -249,10 +249,7 @@ def load_settings() -> Settings:
     try:
         return Settings()
     except ValidationError as error:
-        problems = [
-            f"{PREFIX}{str(e['loc'][0]).upper()}: {e['msg'].removeprefix('Value error, ')}"
-            for e in error.errors()
-        ]
+        problems = (f"{PREFIX}{str(e['loc'][0]).upper()}: {fault_text(e)}" for e in error.errors())
         raise SettingsError("; ".join(problems)) from error
 
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from service.auth.keys import digest_of, new_key
 from service.client import Client, ClientError, ProblemError
 from service.console import say
-from service.errors import ArchiveError
+from service.errors import ArchiveError, fault_text
 from service.server.process import DEFAULT_PORT, LOOPBACK
 
 if TYPE_CHECKING:
@@ -131,9 +131,7 @@ def database_named(argument: str, place: str) -> str:
     try:
         return Settings(database_url=url).database_url
     except ValidationError as error:
-        raise SettingsError(
-            f"{argument}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
-        ) from error
+        raise SettingsError(f"{argument}: {fault_text(error.errors()[0])}") from error
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, Field
 
-from service.errors import PROBLEMS, FieldFault
+from service.errors import PROBLEMS, FieldFault, fault_text
 
 MEDIA_TYPE = "application/problem+json"
 TYPE_PREFIX = "urn:isoshape:problem:"
@@ -63,6 +63,5 @@ def faults_of(errors: Sequence[Any]) -> list[FieldFault]:
             and error["type"] != "json_invalid"
         ):
             location = location[1:]
-        message = error["msg"].removeprefix("Value error, ")
-        faults.append(FieldFault(".".join(location) or "body", message))
+        faults.append(FieldFault(".".join(location) or "body", fault_text(error)))
     return faults
