@@ -30,19 +30,11 @@ BINS = 10
 class LabelledPairs:
     """All pairs of n labelled shapes.
 
-    Attributes
-    ----------
-    labels : tuple of str
-        The class of each shape. Equal names in two collections are one class; case does not matter.
-    features : float64, shape (n, n, p)
-        Features of each pair, symmetric in the first two axes unless `asked` is given; the diagonal is not
-        read.
-    asked : bool, shape (n, n), optional
-        The pairs (i, j) that exist, where i is a perturbed query and j a stored shape; all pairs if absent.
-    offsets : float64, shape (n, n), optional
-        Part of the log odds of each pair that is not fitted; 0 if absent.
-    weight : float
-        Weight of all pairs together in a fit, > 0.
+    Equal `labels` in two collections are one class; case does not matter. `features`, shape (n, n, p), are
+    symmetric in the first two axes unless `asked` is given; the diagonal is not read. `asked`, shape (n, n),
+    tells which pairs (i, j) exist, where i is a perturbed query and j a stored shape; all if absent.
+    `offsets`, shape (n, n), are the part of the log odds that is not fitted, and `weight` > 0 that of all
+    pairs together in a fit.
     """
 
     labels: tuple[str, ...]
@@ -77,14 +69,9 @@ class LabelledPairs:
 class Reliability:
     """Reliability diagram: pairs in `BINS` equal bins of predicted probability.
 
-    Attributes
-    ----------
-    share : float64, shape (BINS,)
-        Share of the pairs in each bin, of sum 1.
-    said, found : float64, shape (BINS,)
-        Mean predicted probability, and share of pairs of one class; 0 in an empty bin.
-    base_rate : float
-        Share of all pairs that are of one class.
+    `share` of the pairs in each bin, of sum 1, the mean predicted probability `said`, and the share `found`
+    of one class, 0 in an empty bin, have the shape (BINS,). `base_rate` is the share of all pairs that are of
+    one class.
     """
 
     share: Floats
@@ -113,23 +100,10 @@ def fit_logistic(
 ) -> Calibration:
     """Fit the logistic model of maximum likelihood by Newton's method (reweighted least squares).
 
-    Parameters
-    ----------
-    features : float64, shape (m, p)
-        Features of m pairs.
-    same : bool, shape (m,)
-        Whether each pair is of one class.
-    weights : float64, shape (m,)
-        Positive; only their ratios matter.
-    offsets : float64, shape (m,), optional
-        Part of the log odds that is not fitted.
-    start : Calibration, optional
-        A model near the result, which saves steps.
-
-    Raises
-    ------
-    ParameterError
-        All pairs are of one class, or none is.
+    `features`, shape (m, p), are those of m pairs, and `same`, shape (m,), tells which are of one class. Only
+    the ratios of the `weights` > 0, shape (m,), matter; `offsets`, shape (m,), are the part of the log odds
+    that is not fitted. A model near the result, to `start` from, saves steps. Raise ParameterError if all
+    pairs are of one class, or none is.
     """
     if same.all() or not same.any():
         raise ParameterError("a calibration needs pairs of one class and pairs of two")

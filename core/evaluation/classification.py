@@ -20,23 +20,13 @@ from core.evaluation.retrieval_measures import pair_distances
 
 @dataclass(frozen=True, eq=False)
 class Classification:
-    """Leave-one-out classification of a collection of n shapes.
+    """Leave-one-out classification of a collection of n shapes, each array of shape (n,).
 
-    Attributes
-    ----------
-    neighbour : int64, shape (n,)
-        Each shape's first neighbour.
-    score : float64, shape (n,)
-        Score of the first neighbour, in the units of the given scores.
-    matched : bool, shape (n,)
-        Whether the score reaches the threshold fitted to the shapes of all other classes.
-    right : bool, shape (n,)
-        Whether the neighbour is of the shape's class.
-    threshold : float
-        The threshold that is fitted to all shapes.
-    balanced_accuracy : float
-        In [0, 1]: mean of the share of shapes matched with their class present, and of shapes unmatched
-        without it, by thresholds that are fitted without the class of the shape.
+    `neighbour` is the first of each shape, with its `score` in the units of the given scores; `matched` tells
+    whether it reaches the threshold fitted to the shapes of all other classes, and `right` whether it is of
+    the shape's class. `threshold` is fitted to all shapes. `balanced_accuracy`, in [0, 1], is the mean of the
+    share of shapes matched with their class present, and of shapes unmatched without it, by thresholds that
+    are fitted without the class of the shape.
     """
 
     neighbour: Ints
@@ -64,22 +54,10 @@ def best_threshold(present: ArrayLike, absent: ArrayLike) -> float:
 
 
 def classify(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Classification:
-    """Classify every shape by the others.
+    """Classify every shape by the others; parameters and errors are those of `retrieval_measures.evaluate`.
 
-    Parameters
-    ----------
-    scores : array, shape (n, n)
-        Row i: how close each shape is to shape i; the diagonal is never read.
-    labels : sequence of n str
-        The class of each.
-    larger_is_closer : bool
-        True for similarities, false for distances.
-
-    Raises
-    ------
-    ParameterError
-        The arrays have wrong shapes, a score is not finite, or there are fewer than three classes: a
-        threshold is fitted to the other classes, each of which needs one more class when it is left out.
+    ParameterError is also raised if there are fewer than three classes: a threshold is fitted to the other
+    classes, each of which needs one more class when it is left out.
     """
     closeness = -pair_distances(scores, labels, larger_is_closer=larger_is_closer)
     classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)

@@ -32,21 +32,12 @@ MEASURED = 400
 
 @dataclass(frozen=True)
 class PairErrors:
-    """Errors of the match of two poses, or of two individuals.
+    """Errors of the match of two poses, or of two individuals, `first` and `second`, and its CC.
 
-    Attributes
-    ----------
-    first, second : int
-        The poses or individuals; each vertex of the first is mapped to a vertex of the second.
-    cc : float
-        CC of the match.
-    samples, vertices : float
-        Mean geodesic error of the matched samples, and of the dense correspondence of all vertices, over the
-        square root of the area; each is the least over the body's symmetries.
-    symmetry : int
-        The symmetry of the least error of the dense correspondence: a row of `Body.partners`.
-    direct : float
-        The error of the dense correspondence where the body's own left must stay left: of symmetry 0.
+    `samples` and `vertices` are mean geodesic errors over the square root of the area, each the least over
+    the body's symmetries: of the matched samples, and of the dense correspondence of all vertices of the
+    first. `symmetry` is that of the latter, a row of `Body.partners`; `direct` is its error where the body's
+    own left must stay left, of symmetry 0.
     """
 
     first: int
@@ -97,14 +88,8 @@ def surface_distances(body: Body) -> Floats:
 def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, targets: Ints) -> tuple[float, int]:
     """Return the mean distance of mapped vertices from the true ones, and the symmetry that minimises it.
 
-    Parameters
-    ----------
-    distances : float64, shape (m, m)
-        Geodesic distances between the vertices of the second mesh.
-    partners : int64, shape (g, n)
-        True correspondences, one row for each symmetry, from `Body.partners`.
-    vertices, targets : int64, shape (p,)
-        Vertices of the first mesh, and the vertices of the second to which they are mapped.
+    `distances`, shape (m, m), are between the vertices of the second mesh, and `partners`, shape (g, n),
+    those of `Body.partners`. `vertices` of the first mesh are mapped to `targets` of the second, shapes (p,).
     """
     errors = distances[targets, partners[:, vertices]].mean(axis=1)
     return float(errors.min()), int(errors.argmin())
@@ -113,21 +98,10 @@ def symmetric_error(distances: Floats, partners: Ints, vertices: Ints, targets: 
 def study_body(
     label: str, number: int, poses: int, parameters: Parameters, *, remeshed: bool = False
 ) -> BodyErrors:
-    """Match all ordered pairs of poses of a body, and compare the results with the true correspondence.
+    """Match all ordered pairs of poses 0 .. `poses` - 1 of a body, and compare them with the truth.
 
-    Parameters
-    ----------
-    label : str
-        A class of the gallery.
-    number : int
-        The individual, >= 0.
-    poses : int
-        Poses 0 .. `poses` - 1, at least 2.
-    parameters : Parameters
-        Parameters of the pipeline.
-    remeshed : bool
-        Whether the second pose has another mesh, so that identical triangles do not help. The true
-        correspondence is then known to within half an edge.
+    The body is that of the gallery's class `label` with a number >= 0. If `remeshed`, the second pose has
+    another mesh, so that identical triangles do not help: the truth is then known to within half an edge.
     """
     body = make_body(label, number)
     second = make_body(label, number, vertices=REMESHED) if remeshed else body
@@ -188,17 +162,11 @@ def dense_map(first: PreparedMesh, second: PreparedMesh, pipeline: Pipeline) -> 
 
 @dataclass(frozen=True, eq=False)
 class KnownMesh(PreparedMesh):
-    """A mesh whose correspondence with a template is known.
+    """A clean mesh whose correspondence with a template is known.
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Clean.
-    truth : int64, shape (g, t)
-        For each measured vertex of the template the vertex of the mesh that is it, and if it is known, in a
-        second row, the vertex that is its mirror image.
-    distances : float32, shape (g, t, n)
-        Geodesic distances of all vertices of the mesh from those of `truth`, over the root of its area.
+    `truth`, shape (g, t), has for each measured vertex of the template the vertex of the mesh that is it, and
+    if it is known, in a second row, the vertex that is its mirror image. `distances`, float32 of shape (g, t,
+    n), are geodesic, of all vertices from those, over the root of the area.
     """
 
     mesh: Mesh

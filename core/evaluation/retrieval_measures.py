@@ -94,21 +94,11 @@ class Evaluation:
 
 
 def evaluate(scores: ArrayLike, labels: Sequence[str], *, larger_is_closer: bool) -> Evaluation:
-    """Compute every measure, from the scores of all pairs.
+    """Compute every measure, from the scores of all pairs, shape (n, n), and the class of each shape.
 
-    Parameters
-    ----------
-    scores : array, shape (n, n)
-        Row i ranks all shapes for query i; the diagonal is never read.
-    labels : sequence of n str
-        The class of each shape.
-    larger_is_closer : bool
-        True for similarities (CC, sim), false for distances (SSD).
-
-    Raises
-    ------
-    ParameterError
-        The arrays have wrong shapes, a score is not finite, or no class has two shapes.
+    Row i ranks all shapes for query i; the diagonal is never read. `larger_is_closer` is true for
+    similarities (CC, sim), and false for distances (SSD). Raise ParameterError if the arrays have wrong
+    shapes, a score is not finite, or no class has two shapes.
     """
     distances = pair_distances(scores, labels, larger_is_closer=larger_is_closer)
     classes, codes, sizes = np.unique(np.asarray(labels, dtype=str), return_inverse=True, return_counts=True)
@@ -200,19 +190,9 @@ QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 def score_quantiles(scores: Floats, labels: Sequence[str], threshold: float) -> dict[str, dict[str, Any]]:
     """Return the distributions over pairs of the "same" class and of "other" classes that have pairs.
 
-    Parameters
-    ----------
-    scores : float64, shape (n, n)
-        Symmetric; the diagonal is left out.
-    labels : sequence of str, length n
-        The class of each shape.
-    threshold : float
-
-    Returns
-    -------
-    dict
-        For each kind the number of `pairs`, the `quantiles` (the score at each of `QUANTILES`, by its text;
-        linear interpolation), and `matched`, the share of the pairs whose score reaches the threshold.
+    The scores, shape (n, n), are symmetric; the diagonal is left out. For each kind there are the number of
+    `pairs`, the `quantiles` (the score at each of `QUANTILES`, by its text; linear interpolation), and
+    `matched`, the share of the pairs whose score reaches the threshold.
     """
     first, second = np.triu_indices(len(labels), 1)
     named = np.asarray(labels)

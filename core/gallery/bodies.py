@@ -52,19 +52,10 @@ _BOTH = {
 class Body:
     """An individual of a class, with the data for its poses.
 
-    Attributes
-    ----------
-    label : str
-    rest : Mesh
-        The mesh at rest, limbs apart, in the builder's frame: watertight, connected, about 2,500 vertices.
-    solids : tuple of Field
-        The solids at rest.
-    hold : float64, shape (n, number of solids)
-        Skinning weights of the vertices; rows sum to 1.
-    seeds : tuple of int
-        Seeds of the body's random numbers.
-    variation : float or None
-        See `make_body`.
+    The mesh at `rest`, limbs apart, is in the builder's frame, watertight, connected, of about 2,500
+    vertices; `solids` are those at rest. `hold`, shape (n, number of solids), has the skinning weights of the
+    vertices; rows sum to 1. `seeds` are those of the body's random numbers, and `variation` is that of
+    `make_body`.
     """
 
     label: str
@@ -95,24 +86,12 @@ class Body:
 
 
 def make_body(label: str, body: int = 0, *, vertices: int = VERTICES, variation: float | None = None) -> Body:
-    """Return an individual of a class; its proportions depend on label, number and variation only.
+    """Return an individual >= 0 of a class; its proportions depend on label, number and variation only.
 
-    Parameters
-    ----------
-    label : str
-        One of `CLASSES`.
-    body : int
-        >= 0.
-    vertices : int
-        Approximate number of vertices, at least some hundreds; another number gives another mesh of the body.
-    variation : float, optional
-        Coefficient of variation of the proportions, > 0: how much individuals differ, who have the middle
-        proportions of their class in the mean. Without it they are drawn from the whole class.
-
-    Raises
-    ------
-    ParameterError
-        The class is unknown or the body is negative.
+    The mesh has about so many vertices, at least some hundreds; another number gives another mesh of the
+    body. `variation` > 0 is the coefficient of variation of the proportions: how much individuals differ, who
+    have the middle proportions of their class in the mean. Without it they are drawn from the whole class.
+    Raise ParameterError if the class is unknown or the number is negative.
     """
     if label not in CLASSES:
         raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")

@@ -25,18 +25,10 @@ _ATTEMPTS = 25
 
 @dataclass(frozen=True)
 class Kind:
-    """A class.
+    """A class: `build` returns the parts of an individual in a pose, from random numbers.
 
-    Attributes
-    ----------
-    build : callable
-        Returns the parts of an individual in a pose, from random numbers.
-    draws : str
-        The letters of these numbers: see `core.gallery.posing`.
-    handles : int
-        The genus of the surface when no limbs touch.
-    rest : mapping of int to float
-        See `core.gallery.posing.BodyDraws`.
+    `draws` has the letters of these numbers (`core.gallery.posing`), and `rest` their values at rest
+    (`BodyDraws`); `handles` is the genus of the surface when no limbs touch.
     """
 
     build: Callable[[Generator], list[Part]]
@@ -73,19 +65,8 @@ def make_shape(label: str, pose: int, *, seed: int = 0) -> Mesh:
     the vertical z, a tilt of up to 30 degrees) are drawn from the three arguments alone: the same arguments
     give the same bytes.
 
-    Parameters
-    ----------
-    label : str
-        One of `CLASSES`.
-    pose : int
-        >= 0; each is another individual in another pose.
-    seed : int
-        >= 0; another seed gives another gallery.
-
-    Raises
-    ------
-    ParameterError
-        An unknown class, or a negative pose or seed.
+    The label is one of `CLASSES`; each pose >= 0 is another individual in another pose, and each seed >= 0
+    gives another gallery. Raise ParameterError for other arguments.
     """
     if label not in KINDS:
         raise ParameterError(f"unknown class {label!r}; the classes are {', '.join(CLASSES)}")

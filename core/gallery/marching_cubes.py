@@ -23,19 +23,11 @@ FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 def marching_cubes(values: Floats) -> tuple[Floats, Ints]:
-    """Return the surface between the negative and the positive values of a grid.
+    """Return the surface between the negative and the positive values of a grid: vertices and faces.
 
-    Parameters
-    ----------
-    values : float, shape (a, b, c)
-        At the corners of unit cubes; not 0, and positive at the border.
-
-    Returns
-    -------
-    vertices : float64, shape (n, 3)
-        On the edges of cubes, where the values are zero if they are linear along the edges.
-    faces : int64, shape (f, 3)
-        Counter-clockwise seen from the positive side.
+    The values, shape (a, b, c), are at the corners of unit cubes, not 0, and positive at the border. The
+    vertices, shape (n, 3), are on the edges of cubes, where the values are zero if they are linear along the
+    edges; the faces, shape (f, 3), are counter-clockwise seen from the positive side.
     """
     shape = np.array(values.shape)
     strides = np.array([shape[1] * shape[2], shape[2], 1])

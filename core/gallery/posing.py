@@ -30,18 +30,10 @@ def at_rest(low: float, high: float) -> float:
 class BodyDraws(Generator):
     """Random numbers of a builder: one stream for the body, and another one, or rest values, for the pose.
 
-    Parameters
-    ----------
-    kinds : str
-        One letter for each number, as the module describes.
-    rest : mapping of int to float
-        Values in the rest pose, by index, where the rule of `at_rest` would not separate the limbs.
-    body : SeedSequence
-    pose : SeedSequence, optional
-        None gives the rest pose.
-    variation : float, optional
-        If given, the body's numbers are the middles of their ranges times normal numbers of mean 1 and this
-        standard deviation: similar individuals instead of individuals from the whole class.
+    `kinds` has a letter for each number, as the module describes, and `rest` values by index where the rule
+    of `at_rest` would not separate the limbs; no `pose` gives the rest pose. With a `variation` the body's
+    numbers are the middles of their ranges times normal numbers of mean 1 and this standard deviation:
+    similar individuals instead of individuals from the whole class.
     """
 
     def __init__(

@@ -29,15 +29,9 @@ def rotation(axis: Literal["x", "y", "z"], degrees: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A place and three orthonormal directions.
+    """A place, shape (3,), and three orthonormal directions: columns of `axes`, the frame's own x, y and z.
 
     In the world x points to a creature's front, y to its left and z up. A bone lies along its frame's x.
-
-    Attributes
-    ----------
-    origin : float64, shape (3,)
-    axes : float64, shape (3, 3)
-        The columns are the frame's own x, y and z in the world.
     """
 
     origin: Floats = field(default_factory=lambda: np.zeros(3))
@@ -83,20 +77,11 @@ def chain(
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """A solid by its signed distance.
+    """A solid by its signed distance, a function of points, shape (n, 3).
 
-    Attributes
-    ----------
-    low, high : float64, shape (3,)
-        Corners of a box around the solid.
-    thickness : float
-        Least extent, which a grid must resolve.
-    distance : callable
-        Signed distances, shape (n,), of points of shape (n, 3).
-    frame : Frame
-        The solid's own frame, which moves with it. A bone's frame is at its start, with x along the bone.
-    round : bool
-        Whether the solid is rotationally symmetric about the frame's x axis.
+    `low` and `high`, shape (3,), are corners of a box around it, and `thickness` is its least extent, which a
+    grid must resolve. Its own `frame` moves with it; that of a bone is at its start, with x along the bone.
+    `round` tells whether it is rotationally symmetric about that axis.
     """
 
     low: Floats

@@ -86,20 +86,11 @@ def symmetric(edges: Ints, lengths: Floats, count: int) -> csr_array:
 
 
 def edge_graph(mesh: Mesh, bridges: Ints | None = None, *, unfold: bool = True) -> csr_array:
-    """Return the graph of the mesh's vertices: edges, bridges between components, and diagonals.
+    """Return the graph of the mesh's vertices: edges, bridges between components and, to `unfold`, diagonals.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    bridges : int64, shape (components - 1, 2), optional
-        From `core.graph.bridges.component_bridges`, if known.
-    unfold : bool
-        Whether to add `diagonals`; the paper's graph has edges only.
-
-    Returns
-    -------
-    csr_array, shape (n, n)
-        Symmetric and connected, with positive lengths.
+    The paper's graph has edges only. `bridges`, shape (components - 1, 2), are those of
+    `core.graph.bridges.component_bridges`, if known. The graph, shape (n, n), is symmetric and connected,
+    with positive lengths.
     """
     count = len(mesh.vertices)
     sides = mesh.half_edges

@@ -46,25 +46,12 @@ def geodesic_distances(graph: csr_array, samples: Ints) -> Floats:
 
 
 def farthest_points(graph: csr_array, count: int, first: int, weights: Floats | None = None) -> Ints:
-    """Select samples, each of which maximises weight times distance to the samples before it.
+    """Select samples after a first one, each of which maximises weight times distance to those before it.
 
-    The first of equal vertices, up to `TIE`, is selected.
-
-    Parameters
-    ----------
-    graph : csr_array, shape (n, n)
-        Symmetric and connected, with positive lengths.
-    count : int
-        Number of samples, 1 to n.
-    first : int
-        The first sample.
-    weights : float64, shape (n,), optional
-        Positive; without them this is plain farthest-point sampling.
-
-    Returns
-    -------
-    int64, shape (count,)
-        Distinct vertices in the order of selection.
+    The first of equal vertices, up to `TIE`, is selected. The graph, shape (n, n), is symmetric and
+    connected, with positive lengths; weights, shape (n,), are positive, and without them this is plain
+    farthest-point sampling. Return distinct vertices in the order of selection, shape (count,), 1 <= count <=
+    n.
     """
     total = graph.shape[0]
     samples = np.empty(min(count, total), dtype=np.int64)

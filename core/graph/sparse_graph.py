@@ -21,16 +21,10 @@ must not decide between them. Subdivision makes many such ties."""
 class SparseGraph:
     """The sparse graph on m samples of n vertices.
 
-    Attributes
-    ----------
-    edges : int64, shape (e, 2)
-        Pairs (i, j) of samples with adjacent Voronoi regions, i < j, in lexical order.
-    lengths : float64, shape (e,)
-        Shortest path through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
-    tree : int64, shape (m - 1,)
-        Indices of the edges of the minimum spanning tree; ties go to the first edge.
-    regions : int64, shape (n,)
-        Index of the sample nearest to each vertex; ties go to the first sample.
+    `edges`, shape (e, 2), are pairs (i, j) of samples with adjacent Voronoi regions, i < j, in lexical order;
+    `lengths`, shape (e,), the shortest paths through the two regions, d(u) + |uv| + d(v) (Mehlhorn 1988).
+    `tree`, shape (m - 1,), has the indices of the edges of the minimum spanning tree, and `regions`, shape
+    (n,), that of the sample nearest to each vertex; ties go to the first edge, or sample.
     """
 
     edges: Ints

@@ -54,16 +54,10 @@ _INDEX_TYPES = {5121, 5123, 5125}
 
 @dataclass(frozen=True)
 class Document:
-    """The content of a GLB.
+    """The content of a GLB: the sections of the JSON that are used, by name, and the buffers.
 
-    Attributes
-    ----------
-    sections : dict of str to list of dict
-        The sections of the JSON that are used, by name.
-    scene : object
-        Index of the displayed scene in the JSON.
-    buffers : tuple of bytes or ExternalReferenceError
-        The buffers, each with the length in the JSON, or the error of using one in another file.
+    `scene` is the index of the displayed scene as the JSON has it. A buffer has the length in the JSON; one
+    in another file is the error of using it.
     """
 
     sections: dict[str, list[Entry]]

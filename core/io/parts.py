@@ -21,18 +21,10 @@ _Instance = TypeVar("_Instance")
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A distinct part of an assembly.
+    """A distinct part of an assembly, with its mesh in its own frame.
 
-    Attributes
-    ----------
-    name : str
-        The name of its product or object, at most `NAME_CHARACTERS`; empty if the file gives none.
-    path : tuple of str
-        The names from the root of the assembly to the first instance of the part, at most `PATH_NAMES`.
-    instances : int
-        How many times the assembly has the part, at least 1.
-    mesh : Mesh
-        In the frame of the part.
+    `name` is that of its product or object, at most `NAME_CHARACTERS`, empty if the file gives none. `path`
+    has the names from the root to its first instance, at most `PATH_NAMES`.
     """
 
     name: str

@@ -20,17 +20,10 @@ def triangles(corners: Ints, sizes: Ints, vertices: Floats, limits: Limits) -> I
     area vector, unless it has more than 10,000 corners. It may be concave, and may have holes bridged by
     doubled edges. Polygons of fewer than three corners are left out.
 
-    Raise MalformedMeshError if an index is outside 0 .. n - 1, and MeshTooComplexError if there are more
-    triangles than faces in the limits.
-
-    Parameters
-    ----------
-    corners : int64, shape (sum(sizes),)
-        The polygons' vertices, counted from 0, one polygon after another.
-    sizes : int64, shape (p,)
-        Number of corners of each polygon, >= 0.
-    vertices : float64, shape (n, 3)
-        Their positions.
+    `corners`, shape (sum(sizes),), has the polygons' vertices, from 0, one polygon after another; `sizes`,
+    shape (p,), their numbers of corners, >= 0; `vertices`, shape (n, 3), the positions. Raise
+    MalformedMeshError if an index is outside 0 .. n - 1, and MeshTooComplexError if there are more triangles
+    than faces in the limits.
     """
     check_indices(corners, len(vertices))
     if (sizes == 3).all():

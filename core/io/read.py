@@ -40,39 +40,13 @@ def read_mesh(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> M
 
 
 def read_file(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> MeshFile:
-    """Read a mesh from the bytes of a file.
+    """Read a mesh from the bytes of a whole file; `format` is an ending of `FORMATS`.
 
     Polygons are triangulated. All objects, groups, solids and instances are joined, with the transforms of
     the file. Vertices of faces are neither merged nor moved; a vertex of no face may be anywhere, and is put
     on the first face. Files of a format that states a unit are read in millimetres.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    format : str
-        An ending of `FORMATS`.
-    limits : Limits
-        The largest mesh that is read.
-
-    Raises
-    ------
-    UnknownFormatError
-        No format has the ending, or its reader is not installed.
-    EmptyFileError
-        The file has no bytes.
-    MalformedMeshError
-        The file violates its format: it has another format, is truncated, or has an index out of range.
-    NonFiniteCoordinatesError
-        A coordinate is NaN or infinite.
-    NoTrianglesError
-        The mesh has no faces.
-    DegenerateMeshError
-        Every face has zero area.
-    MeshTooComplexError
-        The mesh has more vertices, faces or parts than the limits.
-    ExternalReferenceError
-        The file refers to another file.
+    Raise MeshError, whose subclass of `core.errors` tells why the file cannot be read as such a mesh.
     """
     reader = read_format(format)
     with _reading(data, reader):
@@ -91,10 +65,8 @@ def read_parts(data: bytes, format: str, *, limits: Limits = DEFAULT_LIMITS) -> 
     The parts of a STEP are its products with triangles, and those of a 3MF its objects, each in its own
     frame, in millimetres. Parts with the same name and the same mesh are one, in the order of their first
     instances in the file. The list is empty if the file has one instance of one part, or is of a format
-    without assemblies.
-
-    Parameters and errors are those of `read_mesh`; MeshError is also raised if there are more different parts
-    than the limits, or one without area.
+    without assemblies. Parameters and errors are those of `read_file`; MeshError is also raised if there are
+    more different parts than the limits, or one without area.
     """
     reader = read_format(format)
     with _reading(data, reader):
@@ -112,14 +84,9 @@ def write_mesh(mesh: Mesh, format: str) -> bytes:
     the millimetre. STL and PLY are binary; they and GLB round to 32 bits. In an STL each face has its own
     three vertices.
 
-    Raises
-    ------
-    UnknownFormatError
-        The format is not one of `writable()`.
-    NonFiniteCoordinatesError
-        A coordinate is too large for the 32 bits of the format.
-    NoTrianglesError
-        The format is 3MF and every face names a vertex twice.
+    Raise UnknownFormatError if the format is not one of `writable()`, NonFiniteCoordinatesError if a
+    coordinate is too large for 32 bits, and NoTrianglesError if every face of a 3MF would name a vertex
+    twice.
     """
     return written_format(format).write(mesh)
 

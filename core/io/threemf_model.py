@@ -57,18 +57,10 @@ class Placed:
 
 @dataclass
 class Solid:
-    """A 3MF object: a mesh, or instances of other objects.
+    """A 3MF object: a mesh, vertices (n, 3) and faces (f, 3), checked, or instances of other objects.
 
-    Attributes
-    ----------
-    kind : str
-        "model" or "surface"; or "support", "solidsupport" or "other", which do not belong to the shape.
-    vertices : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-        Rows of `vertices`, checked.
-    components : list of Placed
-    name : str
-        Empty if the file gives none.
+    The `kind` is "model" or "surface"; or "support", "solidsupport" or "other", which do not belong to the
+    shape. The `name` is empty if the file gives none.
     """
 
     kind: str

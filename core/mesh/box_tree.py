@@ -19,14 +19,9 @@ DEPTH = 64
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:
-    """The tree of a surface's triangles.
+    """The tree of a surface's triangles, by their corners, shape (f, 3, 3).
 
-    Attributes
-    ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of the triangles.
-    order, boxes
-        By Morton codes of the centroids: see `box_tree`.
+    `order` is that of the centroids' Morton codes, and `boxes` are those of `box_tree`.
     """
 
     corners: Floats
@@ -34,21 +29,10 @@ class TriangleTree:
     boxes: Floats
 
     def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
-        """Return the closest point of the surface to each point, by its triangle.
+        """Return the closest point of the surface to each of n points, shape (n, 3), finite.
 
-        Parameters
-        ----------
-        points : float64, shape (n, 3)
-            Finite.
-        guess : int64, shape (n,), or None
-            Triangles near the points, which shorten the search.
-
-        Returns
-        -------
-        shares : float64, shape (n, 3)
-            Barycentric coordinates of the closest point.
-        faces : int64, shape (n,)
-            The triangle that holds it.
+        The results are its barycentric coordinates, float64 of shape (n, 3), and the triangle that holds it,
+        int64 of shape (n,). `guess`, shape (n,), has triangles near the points, which shorten the search.
         """
         near = np.full(len(points), self.order[0]) if guess is None else guess
         return _closest(self.corners, self.order, self.boxes, points, near)
@@ -63,18 +47,9 @@ def triangle_tree(corners: Floats) -> TriangleTree:
 def box_tree(corners: Floats, order: Ints) -> Floats:
     """Return the boxes of a complete binary tree whose leaves are `LEAF` items each, in a given order.
 
-    Parameters
-    ----------
-    corners : float64, shape (n, c, 3)
-        The c corners of each item, n >= 1.
-    order : int64, shape (n,)
-        The items; those that are near should be near in the order.
-
-    Returns
-    -------
-    float64, shape (m, 2, 3)
-        Least and largest coordinates; node i has the children 2 i + 1 and 2 i + 2, and the last (m + 1) / 2
-        nodes are leaves.
+    `corners`, shape (n, c, 3), has the c corners of each item, n >= 1; items that are near should be near in
+    the `order`, shape (n,). The boxes, shape (m, 2, 3), are least and largest coordinates; node i has the
+    children 2 i + 1 and 2 i + 2, and the last (m + 1) / 2 nodes are leaves.
     """
     leaves = 1 << max(0, int(np.ceil(np.log2(len(order) / LEAF))))
     padded = np.minimum(np.arange(leaves * LEAF), len(order) - 1)
@@ -91,15 +66,8 @@ def box_tree(corners: Floats, order: Ints) -> Floats:
 def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
     """Return the point closest to each of n points on some triangles, shape (n, 3).
 
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of the triangles.
-    near : int64, shape (n, k)
-        For each point, the indices of the triangles that are searched; the first of several closest ones
-        counts.
-    points : float64, shape (n, 3)
-        Finite.
+    `corners`, shape (f, 3, 3), are those of the triangles; `near`, shape (n, k), has the triangles that are
+    searched for each point, of which the first closest one counts; `points`, shape (n, 3), are finite.
     """
     closest = np.empty((len(near), 3))
     for i in range(len(near)):
@@ -241,20 +209,11 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
 def update_gaps(
     vertices: Floats, order: Ints, boxes: Floats, labels: Ints, nearest: Ints, gaps: Floats
 ) -> None:
-    """Update the distance from each vertex to the nearest one of another component.
+    """Update the nearest vertex of another component, or -1, and the gap to it, of each of n vertices.
 
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-    order, boxes
-        See `box_tree`.
-    labels : int64, shape (n,)
-        Component of each vertex, two components or more.
-    nearest : int64, shape (n,)
-        The nearest vertex of another component, or -1; written. Searched again if that vertex is now in the
-        same component.
-    gaps : float64, shape (n,)
-        The distances; written.
+    `order` and `boxes` are those of `box_tree`; `labels`, shape (n,), have the component of each vertex, two
+    or more in all. `nearest` and `gaps`, shapes (n,), are written where the nearest vertex is now in the same
+    component, or not known.
     """
     count, inner = len(order), len(boxes) // 2
     # The component of all vertices of a node, or -1.
@@ -313,16 +272,9 @@ def update_gaps(
 def earliest_outside(
     vertices: Floats, order: Ints, boxes: Floats, labels: Ints, centres: Ints, radii: Floats
 ) -> Ints:
-    """Return the first vertex of another component within a radius of each centre, shape (m,).
+    """Return the first vertex of another component within a radius of each centre, a vertex, shape (m,).
 
-    Parameters
-    ----------
-    vertices, order, boxes, labels
-        As for `update_gaps`.
-    centres : int64, shape (m,)
-        Vertices.
-    radii : float64, shape (m,)
-        A vertex of another component is within each.
+    A vertex of another component is within each of the `radii`, shape (m,); the others as for `update_gaps`.
     """
     count, inner = len(order), len(boxes) // 2
     earliest = np.full(len(centres), count)

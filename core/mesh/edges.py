@@ -14,14 +14,9 @@ from core.numerics.radix_sort import lexical_order
 class HalfEdges:
     """Half-edges sorted by edge; half-edge 3 f + i runs from corner i of face f to the next corner.
 
-    Attributes
-    ----------
-    order : int64, shape (3 f,)
-        Half-edges, grouped by edge; those of one edge in the order of the faces.
-    low, high : int64, shape (3 f,)
-        End points of each half-edge in `order`, low <= high, in ascending lexical order.
-    first : int64, shape (e,)
-        Position in `order` of the first half-edge of each distinct edge.
+    `order`, shape (3 f,), has the half-edges grouped by edge, those of one edge in the order of the faces;
+    `low` <= `high`, shapes (3 f,), their end points, in ascending lexical order; `first`, shape (e,), the
+    position in `order` of the first half-edge of each distinct edge.
     """
 
     order: Ints

@@ -31,14 +31,9 @@ SYMMETRIC = 1e-5
 class NormalFrame:
     """The similarity transform from the file's frame to the normal frame.
 
-    Attributes
-    ----------
-    centre : float64, shape (3,)
-        Area centroid, in file units.
-    axes : float64, shape (3, 3)
-        Rows are the x, y and z axes, largest variance first; a right-handed rotation.
-    scale : float
-        Root mean square distance of the surface from the centroid, in file units.
+    `centre`, shape (3,), is the area centroid; the rows of `axes`, shape (3, 3), are the x, y and z axes, the
+    largest variance first, a right-handed rotation; `scale` is the root mean square distance of the surface
+    from the centroid. Lengths are in file units.
     """
 
     centre: Floats

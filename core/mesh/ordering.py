@@ -68,18 +68,8 @@ def canonical_order(vertices: Floats, faces: Ints, centre: Floats) -> Ints:
     images of each other under a symmetry of the mesh: one is individualised, all others are ranked by the
     distance from it, and refinement continues. The choice changes the order by that symmetry only.
 
-    Parameters
-    ----------
-    vertices : float64, shape (n, 3)
-        Distinct points.
-    faces : int64, shape (f, 3)
-    centre : float64, shape (3,)
-        Centroid of the surface.
-
-    Returns
-    -------
-    int64, shape (n,)
-        Vertices; the one nearest to the centre comes first.
+    The `vertices`, shape (n, 3), are distinct; the one nearest to the `centre`, the centroid of the surface,
+    comes first in the order, shape (n,).
     """
     count = len(vertices)
     ranks = tied_ranks(np.linalg.norm(vertices - centre, axis=1))

@@ -142,18 +142,8 @@ def contract_edges(points: Floats, faces: Ints, most: int) -> tuple[Floats, Ints
     nonmanifold edges stay until the other vertices do not suffice. Sides stay that are longer than those of
     an even mesh with `most / 2` vertices, so that coarse parts keep their shape.
 
-    Parameters
-    ----------
-    points : float64, shape (n, 3)
-    faces : int64, shape (f, 3)
-        With three different corners each.
-    most : int
-
-    Returns
-    -------
-    points : float64, shape (m, 3)
-        At least `most / 2`; more than `most` if the sides are too long.
-    faces : int64, shape (g, 3)
+    The faces, shape (f, 3), have three different corners each. The results are points, shape (m, 3), at least
+    `most / 2`, and more than `most` if the sides are too long, and faces, shape (g, 3).
     """
     if len(points) <= most:
         return points, faces

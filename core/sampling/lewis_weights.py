@@ -85,7 +85,8 @@ def lewis_weights(
     """Compute Algorithm 1 for the points of a mesh in its normal frame.
 
     Stage one draws rows with probabilities from their leverage scores and fits z to these rows; stage two
-    raises the weight of rows with a large residual (Eqs. 11 and 12).
+    raises the weight of rows with a large residual (Eqs. 11 and 12). Raise ParameterError if the degree or
+    epsilon is out of range.
 
     Parameters
     ----------
@@ -102,11 +103,6 @@ def lewis_weights(
     random : float64, shape (n,), optional
         Uniform numbers in [0, 1) for the draw of stage one, used only if a probability is below 1. Without
         them stage one keeps every row.
-
-    Raises
-    ------
-    ParameterError
-        The degree or epsilon is out of range.
     """
     basis = orthonormal_basis(polynomial_basis(points[:, 0], points[:, 1], degree))
     rank = basis.shape[1]

@@ -111,20 +111,9 @@ def weighted_farthest_points(
 
     Each sample maximises distance times (q / mean q)^power, the factor clipped to [1/4, 4]. Power 0 is plain
     farthest-point sampling; a larger power puts more samples where the Lewis weight is high and still covers
-    every region. The first sample is the point farthest from the centroid.
-
-    Parameters
-    ----------
-    graph : csr_array, shape (n, n)
-        Symmetric and connected, with positive lengths.
-    points : float64, shape (n, 3)
-        In the normal frame.
-    weights : float64, shape (n,)
-        Lewis weights q, >= 0.
-    count : int
-        Number of samples, 1 to n.
-    power : float
-        >= 0.
+    every region. The first sample is the point farthest from the centroid. The graph is that of
+    `core.graph.geodesics.farthest_points`; points, shape (n, 3), are in the normal frame; q, shape (n,), and
+    the power are >= 0.
     """
     relative = np.clip((weights / weights.mean()) ** power, 0.25, 4.0)
     first = int(np.argmax(tied_ranks(np.linalg.norm(points, axis=1))))

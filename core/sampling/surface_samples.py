@@ -29,22 +29,10 @@ R2_STEPS = (0.7548776662466927, 0.5698402909980532)
 class SurfaceSamples:
     """A surface scaled to unit area, with its centroid at the origin, and its sample points.
 
-    Attributes
-    ----------
-    unit : float
-        Square root of the surface's area, in the file's units.
-    centre : float64, shape (3,)
-        The centroid, in the file's units.
-    axes : float64, shape (3, 3)
-        Rows are the principal axes.
-    corners : float64, shape (f, 3, 3)
-        Corners of the faces, at unit area.
-    points : float64, shape (p, 3)
-        Sample points, evenly spread by area, at unit area.
-    faces : int64, shape (p,)
-        The face of each sample point.
-    tree : cKDTree
-        Search tree of the sample points.
+    `unit` is the root of the area, and `centre`, shape (3,), the centroid, both in the file's units; the rows
+    of `axes`, shape (3, 3), are the principal axes. `corners` of the faces, shape (f, 3, 3), and sample
+    `points`, evenly spread by area, shape (p, 3), are at unit area; `faces`, shape (p,), has the face of each
+    point, and `tree` finds the points.
     """
 
     unit: float

@@ -20,15 +20,9 @@ EQUAL_VALUES = 1e-4
 def gaussian_affinity(distances: Floats, width: float, areas: Floats | None = None) -> Floats:
     """Return the Gaussian affinity W = exp(-d^2 / 2 s^2), in [0, 1]; s is `width` times the mean distance.
 
-    Raise ParameterError if the width is not positive.
-
-    Parameters
-    ----------
-    distances : float64, shape (m, m), or (d, m) with areas
-        >= 0.
-    width : float
-    areas : float64, shape (m,), optional
-        Weights of the columns in the mean, of sum 1. Without them the mean is over pairs of distinct samples.
+    Distances >= 0 have the shape (m, m) or, with areas, (d, m). `areas`, shape (m,), of sum 1, weight the
+    columns in the mean; without them it is over pairs of distinct samples. Raise ParameterError if the width
+    is not positive.
     """
     if not width > 0.0:
         raise ParameterError(f"the affinity's width must be positive, not {width}")
@@ -74,21 +68,10 @@ def sampled_eigenpairs(affinity: Floats, areas: Floats, count: int) -> tuple[Flo
     effect of second order only: the leading eigenfunctions of two meshings of one shape agree far better than
     those of the matrix between samples.
 
-    Parameters
-    ----------
-    affinity : float64, shape (d, m)
-        Between d points, evenly spread over the surface, and the m samples.
-    areas : float64, shape (m,)
-        Share of the surface in the region of each sample, of sum 1.
-    count : int
-        At most m.
-
-    Returns
-    -------
-    float64, shape (count,)
-        Eigenvalues, descending; 1 for the constant affinity.
-    float64, shape (d, count)
-        Orthonormal columns, oriented by `oriented`.
+    The affinity, shape (d, m), is between d points, evenly spread over the surface, and the m samples;
+    `areas`, shape (m,), are the shares of the surface in their regions. Eigenvalues, shape (count,), count <=
+    m, descend, 1 for the constant affinity; eigenvectors are orthonormal columns, shape (d, count), as of
+    `oriented`.
     """
     left, values, _ = svd(affinity * np.sqrt(areas), full_matrices=False, check_finite=False)
     return values[:count] / np.sqrt(len(affinity)), oriented(values, left, count)
@@ -102,17 +85,8 @@ def oriented(values: Floats, vectors: Floats, count: int) -> Floats:
     decide: the first row that is large in the eigenspace gives the first basis vector, the next row that is
     large in the orthogonal complement gives the second, and so on.
 
-    Parameters
-    ----------
-    values : float64, shape (s,)
-        Sorted eigenvalues.
-    vectors : float64, shape (m, s)
-        Eigenvectors in columns; s > count if the eigenvalues `count` and `count + 1` may be equal.
-    count : int
-
-    Returns
-    -------
-    float64, shape (m, count)
+    The eigenvalues, shape (s,), are sorted; the eigenvectors are columns, shape (m, s), with s > count if the
+    eigenvalues `count` and `count + 1` may be equal. The result has the shape (m, count).
     """
     result = vectors.copy()
     sizes = np.abs(values)

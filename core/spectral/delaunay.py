@@ -29,12 +29,8 @@ def tufted_cover(vertices: Floats, faces: Ints, sides: HalfEdges) -> tuple[Ints,
     next face that it faces; at a boundary edge the front is glued to the back of the same face (N. Sharp,
     K. Crane, "A Laplacian for nonmanifold triangle meshes", 2020, section 4.1).
 
-    Returns
-    -------
-    cover : int64, shape (2 f, 3)
-        The faces, then the same with their corners in the opposite order.
-    twin : int64, shape (6 f,)
-        The half-edge that each half-edge is glued to, in the opposite direction.
+    The cover, shape (2 f, 3), has the faces, then the same with their corners in the opposite order; the
+    gluing, shape (6 f,), has the half-edge that each half-edge is glued to, in the opposite direction.
     """
     count = len(faces)
     cover = np.concatenate([faces, faces[:, ::-1][:, [2, 0, 1]]])
@@ -193,19 +189,9 @@ def intrinsic_delaunay(mesh: Mesh) -> tuple[Ints, Ints, Floats, Floats]:
     A surface that is not closed and oriented is covered twice (`tufted_cover`), and its weights
     and areas are half of the cover's. After `MOST_FLIPS` the weights are those of the triangulation reached.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of n vertices and f faces.
-
-    Returns
-    -------
-    start, end : int64, shape (e,)
-        Vertices at the ends of each edge; e is 3 f / 2, or 3 f of a cover.
-    weights : float64, shape (e,)
-        Half the sum of the cotangents of the two angles opposite each edge.
-    areas : float64, shape (n,)
-        A third of the area of the triangles at each vertex.
+    The results are the vertices at both ends of each edge, shapes (e,), where e is 3 f / 2, or 3 f of a
+    cover; half the sum of the cotangents of the two angles opposite it, shape (e,); and a third of the area
+    of the triangles at each vertex, shape (n,).
     """
     vertices, faces = mesh.vertices, mesh.faces
     twin, sheets = twins(faces, mesh.half_edges), 1

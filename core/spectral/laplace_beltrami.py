@@ -35,21 +35,11 @@ def laplacian(mesh: Mesh, bridges: Ints | None = None) -> tuple[csc_array, Float
 
     The mesh may have holes and non-manifold edges or be a triangle soup. Components are joined by links of
     weight 1 (the edge between two equilateral triangles has 1 / sqrt(3)), so that a shape of several
-    components has one spectrum.
+    components has one spectrum. `bridges`, shape (components - 1, 2), are the links, if they are known, from
+    `core.graph.bridges.component_bridges`.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of n vertices.
-    bridges : int64, shape (components - 1, 2), optional
-        The links, from `core.graph.bridges.component_bridges`, if known.
-
-    Returns
-    -------
-    csc_array, shape (n, n)
-        Symmetric, positive semidefinite; each row sums to 0.
-    float64, shape (n,)
-        Area of each vertex, > 0.
+    The matrix, shape (n, n), is symmetric and positive semidefinite, and each row sums to 0; areas, shape
+    (n,), are > 0.
     """
     start, end, weights, areas = intrinsic_delaunay(mesh)
     pairs = component_bridges(mesh) if bridges is None else bridges
@@ -74,26 +64,10 @@ def laplace_beltrami_spectrum(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the first `count` eigenpairs after the constant one, L phi = lambda M phi, and more eigenvalues.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Of n vertices.
-    count : int
-        Less than n.
-    more : int
-        Number of eigenvalues without eigenfunctions, which have a relative error of about 2e-3.
-    bridges : int64, shape (components - 1, 2), optional
-        As for `laplacian`.
-
-    Returns
-    -------
-    float64, shape (count,)
-        Eigenvalues, ascending, in units of 1 / length^2.
-    float64, shape (n, count)
-        Eigenfunctions at the vertices; the sum of area * phi^2 is 1.
-    float64, shape (at most more,)
-        The first eigenvalues, ascending. There are fewer if n is too small, or if more than a hundred are
-        nearly equal.
+    Eigenvalues, shape (count,), count < n, ascend, in units of 1 / length^2. Eigenfunctions are at the
+    vertices, shape (n, count); the sum of area * phi^2 is 1. The third array has the first `more`
+    eigenvalues, ascending, with a relative error of about 2e-3; there are fewer if n is too small, or if more
+    than a hundred are nearly equal. `bridges` are those of `laplacian`.
     """
     stiffness, areas = laplacian(mesh, bridges)
     if len(areas) < max(DENSE_BELOW, 4 * count):

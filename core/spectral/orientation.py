@@ -55,22 +55,10 @@ def face_signs(mesh: Mesh, areas: Floats) -> Floats | None:
 def signed_areas(functions: Floats, faces: Ints, signs: Floats, regions: Ints, count: int) -> Floats:
     """Return the signed areas of the images of regions in the planes of all pairs of functions.
 
-    Parameters
-    ----------
-    functions : float64, shape (n, k)
-        At the vertices.
-    faces : int64, shape (f, 3)
-    signs : float64, shape (f,)
-        From `face_signs`.
-    regions : int64, shape (n,)
-        The region of each vertex; a third of each face belongs to the region of each corner.
-    count : int
-        Number of regions.
-
-    Returns
-    -------
-    float64, shape (count, k (k - 1) / 2)
-        For each region the entries below the diagonal of its antisymmetric matrix, row by row.
+    The functions, shape (n, k), and the `regions`, shape (n,), are given at the vertices; a third of each
+    face belongs to the region of each corner. `signs`, shape (f,), are those of `face_signs`. The result,
+    shape (count, k (k - 1) / 2), has for each of `count` regions the entries below the diagonal of its
+    antisymmetric matrix, row by row.
     """
     k = functions.shape[1]
     areas = np.zeros((count, k * (k - 1) // 2))
@@ -102,16 +90,10 @@ def quantised_areas(areas: Floats) -> Int8s:
 def orientation_agreement(first: Floats, second: Floats, rotations: Floats) -> Floats:
     """Return whether maps preserve orientation: cosines between matched signed areas, shape (r,), in [-1, 1].
 
-    A cosine is positive for a map that preserves orientation, and negative for one that reverses it.
-
-    Parameters
-    ----------
-    first : float64, shape (p, e)
-        Signed areas at p places of the first surface, e = k (k - 1) / 2.
-    second : float64, shape (r, p, e)
-        Those of their partners under each map.
-    rotations : float64, shape (r, k, k)
-        Coordinates of the first surface times them lie on those of the second.
+    A cosine is positive for a map that preserves orientation, and negative for one that reverses it. `first`,
+    shape (p, e), e = k (k - 1) / 2, has signed areas at p places of the first surface, `second`, shape
+    (r, p, e), those of their partners under each map. Coordinates of the first surface times the `rotations`,
+    shape (r, k, k), lie on those of the second.
     """
     i, j = np.tril_indices(rotations.shape[1], -1)
     # The second compound matrix turns the entries of an antisymmetric matrix.

@@ -33,18 +33,10 @@ FAINTEST = 1e-2
 class SampledSurface:
     """The d points of a surface that are embedded, their distances and areas.
 
-    Attributes
-    ----------
-    vertices : int64, shape (d,)
-        Vertices of the surface; the m samples come first.
-    distances : float64, shape (d, m)
-        Distance from each point to each sample.
-    areas : float64, shape (m,)
-        Share of the surface in each sample's region, of sum 1.
-    regions : int64, shape (n,)
-        The sample nearest to each vertex of the surface.
-    bridges : int64, shape (components - 1, 2)
-        Pairs of vertices that join the components of the surface.
+    `vertices`, shape (d,), has the m samples first, and `distances`, shape (d, m), that from each point to
+    each sample. `areas`, shape (m,), of sum 1, are the shares of the surface in the regions of the samples;
+    `regions`, shape (n,), has the sample nearest to each vertex. `bridges`, shape (components - 1, 2), are
+    pairs of vertices that join the components.
     """
 
     vertices: Ints
@@ -59,19 +51,10 @@ def spectra_of(
 ) -> tuple[tuple[Spectrum, ...], Floats, Int8s, Floats]:
     """Return the spectral embeddings that the parameters name, signature, orientation and eigenvalues.
 
-    The surface is in its normal frame.
-
-    Returns
-    -------
-    tuple of Spectrum
-        In the order of `wanted.operators`.
-    float64, shape (affinity_values + laplacian_values,)
-        The signature of eigenvalues.
-    int8, shape (m, p)
-        See `core.embedding.Embedding.orientation`.
-    float64, shape (at most SPECTRUM,)
-        The first eigenvalues of the Laplace-Beltrami operator times the area, ascending; none if the
-        parameters do not ask for the operator.
+    The surface is in its normal frame. Embeddings are in the order of `wanted.operators`; the signature has
+    the shape (affinity_values + laplacian_values,); the orientation, int8 of shape (m, p), is that of
+    `core.embedding.Embedding`. The first `SPECTRUM` eigenvalues of the Laplace-Beltrami operator, or fewer,
+    are times the area, ascending; there are none if the parameters do not ask for the operator.
     """
     orientation, spectrum = NO_ORIENTATION, np.empty(0)
     spectra: list[Spectrum] = []
@@ -118,14 +101,8 @@ def spectral_coordinates(values: Floats, vectors: Floats, power: float, *, taper
     eigenvectors. Tapering subtracts the squared weight of the first eigenvalue dropped from each squared
     weight, so the last columns fade out as the two eigenvalues meet.
 
-    Parameters
-    ----------
-    values : float64, shape (s,), s >= k
-        Eigenvalues by descending importance; tapering needs s > k.
-    vectors : float64, shape (m, k)
-        Eigenvectors in columns.
-    power : float
-    taper : bool
+    Eigenvalues, shape (s,), s >= k, are by descending importance; tapering needs s > k. Eigenvectors are in
+    columns, shape (m, k).
     """
     kept = vectors.shape[1]
     floor = 1e-9 * float(np.abs(values).max())
