@@ -34,8 +34,12 @@ PLANE = 4.0
 """Area of a plane over that of the facets of a fillet that meets it, at least."""
 
 SPACING, QUALITY = 0.5, 0.5
-"""Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges; and
-the least quality of its triangles, which is 1 for an equilateral one."""
+"""Error of an even mesh at edges and tips that its vertices do not follow, over the length of its edges and
+the tangent of half the angle by which a triangle bends; and the least quality of its triangles, which is 1
+for an equilateral one."""
+
+STEEPEST = 0.5 * np.pi
+"""Largest angle by which a triangle of such a mesh bends: that of an edge of a cube."""
 
 
 GAP, GAPS = 4, 0.05
@@ -206,8 +210,9 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     lengths = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
     areas = 0.5 * np.linalg.norm(face_normals(corners, unit=False), axis=1)
     widths = 2.0 * np.minimum(areas[faces], areas[others]) / np.maximum(lengths, TINY)
-    sagittas = np.where(bent, 0.5 * widths * np.tan(0.25 * np.arccos(np.clip(cosines, -1.0, 1.0))), 0.0)
-    chord = _sums(np.concatenate([faces, others]), np.tile(sagittas, 2), len(corners))
+    angles = np.where(bent, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
+    both = np.concatenate([faces, others])
+    chord = _sums(both, np.tile(0.5 * widths * np.tan(0.25 * angles), 2), len(corners))
     regions = _regions(len(corners), faces[smooth], others[smooth])
     # A facet that is much larger than all to which it bends is a plane that a fillet meets.
     facet_areas = _sums(facets, areas)
@@ -218,14 +223,16 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
     errors = np.maximum(chord, means[regions])
-    # Even meshes do not follow edges and tips: their error is a share of the edge length.
+    # Even meshes do not follow edges and tips, at which they bend.
     loose = _scattered(
         corners,
         areas,
         np.concatenate([faces[bent], others[bent]]),
         np.concatenate([faces[folded], others[folded]]),
     )
-    errors = np.where(loose, np.maximum(errors, SPACING * edge_lengths(corners).mean(axis=1)), errors)
+    bends = np.minimum(_sums(both, np.tile(angles, 2), len(corners)), STEEPEST)
+    heights = SPACING * edge_lengths(corners).mean(axis=1) * np.tan(0.5 * bends)
+    errors = np.where(loose, np.maximum(errors, heights), errors)
     # The largest error around each vertex.
     around = np.zeros(len(vertices))
     np.maximum.at(around, mesh.faces.ravel(), np.repeat(errors, 3))
@@ -300,8 +307,11 @@ def _rounded(facets: Ints, facet: Ints, neighbour: Ints) -> NDArray[np.bool_]:
     `neighbour` are the facets on both sides of each edge at which the surface bends smoothly.
     """
     count = int(facets.max()) + 1
-    pairs = np.unique(np.concatenate([facet * count + neighbour, neighbour * count + facet]))
-    return np.asarray((np.bincount(pairs // count, minlength=count) >= 2)[facets])
+    least, most = np.full(count, count), np.full(count, -1)
+    for ours, theirs in ((facet, neighbour), (neighbour, facet)):
+        np.minimum.at(least, ours, theirs)
+        np.maximum.at(most, ours, theirs)
+    return np.asarray((least < most)[facets])
 
 
 def edge_lengths(corners: Floats) -> Floats:

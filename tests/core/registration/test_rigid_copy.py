@@ -6,6 +6,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+import trimesh
 from manifold3d import Manifold
 
 from core.descriptors.pieces import pieces
@@ -257,6 +258,44 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found is not None
     assert found.difference is not None
     assert found.scale == pytest.approx(2.0, rel=1e-3)
+
+
+def even(kind: str, level: int) -> Mesh:
+    """A smooth body of about 100 mm, with triangles of one size."""
+    made = trimesh.creation.icosphere(level, 50.0)
+    if kind == "torus":
+        made = trimesh.creation.torus(35.0, 15.0, major_sections=20 * level, minor_sections=8 * level)
+    squeeze = [1.0, 0.7, 0.5] if kind == "ellipsoid" else [1.0, 1.0, 1.0]
+    return Mesh(np.array(made.vertices) * squeeze, np.array(made.faces))
+
+
+@pytest.mark.parametrize(
+    ("kind", "level", "height", "width"),
+    [
+        ("sphere", 3, 4.0, 25.0),
+        ("sphere", 4, -3.0, 12.0),
+        ("ellipsoid", 4, 2.0, 20.0),
+        ("torus", 3, -2.0, 35.0),
+    ],
+)
+def test_a_smooth_bump_or_dent_on_an_even_mesh_makes_a_variant(
+    kind: str, level: int, height: float, width: float
+) -> None:
+    """It is as high, or deep, as the surfaces are apart."""
+    mesh = even(kind, level)
+    place = np.random.default_rng(level).integers(len(mesh.vertices))
+    away = np.linalg.norm(mesh.vertices - mesh.vertices[place], axis=1) / width
+    rise = height * np.where(away < 1.0, np.cos(0.5 * np.pi * away) ** 2, 0.0)
+    normals = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).vertex_normals
+    bumped = Mesh(mesh.vertices + rise[:, None] * normals, mesh.faces)
+    surfaces = probed_surface(mesh), probed_surface(moved(bumped, 3, scale=2.0))
+    starts = [one.samples.representatives * one.samples.unit + one.samples.centre for one in surfaces]
+    found = copy_by_surfaces(*surfaces, (starts[0], starts[1]))
+    assert found is not None
+    assert found.difference is not None
+    assert found.scale == pytest.approx(2.0, rel=1e-3)
+    assert found.difference.distance == pytest.approx(abs(height), rel=0.1)
+    assert copy_by_surfaces(*surfaces, (starts[0], starts[1]), variants=False) is None
 
 
 def test_a_hole_of_a_hundredth_of_the_length_makes_a_variant() -> None:
