@@ -191,8 +191,8 @@ def surface_map(
     # Pair all vertices by functional maps.
     bases = basis(first.mesh, functions), basis(second.mesh, functions)
     starts = [_vertices(surfaces, some) for some in pairs]
-    rotation, count, cost, reverses = functional_map(*bases, starts, mirrored, held)
-    rows = compared_rows(*bases, rotation)
+    domain, count, cost, reverses = functional_map(*bases, starts, mirrored, held)
+    rows = compared_rows(*bases, domain)
     maps = _vertex_maps(surfaces, rows, (bases[0].areas, bases[1].areas), cost, count)
 
     if motion is None:

@@ -13,7 +13,7 @@ with their Laplacians, as isometries do, and brings ridges to ridges and hollows
 a body preserves lengths and orientation, and its mean curvature tells front from back. A map that reverses
 orientation is kept if it brings functions closer nearly everywhere: one shape is then like the mirror image
 of the other. The kept map may grow further, with mean curvatures beside the functions, which draw ridges to
-ridges.
+ridges; its functions are the canonical ones of the paired surfaces, and count by their correlations.
 """
 
 from collections.abc import Sequence
@@ -153,21 +153,25 @@ class Held(NamedTuple):
         return float((gaps**2 @ weights).mean() / (2.0 * weights.sum()))
 
 
+Domain = tuple[Floats, Floats]
+"""Matrices (k, k) that bring k functions of either surface to a common domain, where partners are near."""
+
+
 class FunctionalMap(NamedTuple):
-    """An orthogonal map between functions, how many maps, itself counted, fit about as well, and its cost.
+    """A map between functions, how many maps, itself counted, fit about as well, and its cost.
 
     It is `mirrored` if it reverses orientation, since it fits evidently better than maps that preserve it;
     None if orientations are unknown.
     """
 
-    rotation: Floats
+    domain: Domain
     fitting: int
     cost: float
     mirrored: bool | None
 
     def partners(self, first: Basis, second: Basis) -> Ints:
         """Return the vertex of the second surface for each of n of the first; several may share one."""
-        return nearest_both_ways(*compared_rows(first, second, self.rotation))[0]
+        return nearest_both_ways(*compared_rows(first, second, self.domain))[0]
 
 
 def basis(mesh: Mesh, count: int) -> Basis:
@@ -214,7 +218,7 @@ def functional_map(
     mirrored: Sequence[bool] | None = None,
     landmarks: Ints | None = None,
 ) -> FunctionalMap:
-    """Return the orthogonal map C between the functions of two surfaces, from a few pairs of vertices.
+    """Return the map between the functions of two surfaces, from a few pairs of vertices.
 
     Parameters
     ----------
@@ -232,8 +236,8 @@ def functional_map(
     Returns
     -------
     FunctionalMap
-        Of shape (k, k): the rows of `first.functions[:, :k] @ C` lie near the rows of
-        `second.functions[:, :k]` of the corresponding vertices; k is the size of the smaller basis.
+        With A and B its domain, the rows of `first.functions[:, :k] @ A` lie near the rows of
+        `second.functions[:, :k] @ B` of the corresponding vertices; k is the size of the smaller basis.
 
     Raises
     ------
@@ -295,11 +299,11 @@ def functional_map(
     fits_too = ((reverses == reverses[chosen]) | (unclear & unclear[chosen])) & (costs <= most)
     order = np.argsort(costs, kind="stable")
     count = len(_different(*some, [maps[which] for which in order if fits_too[which]]))
-    best = maps[chosen]
+    domain = maps[chosen], np.eye(whole)
     if whole < largest:
         finer = _some(first, FINELY_REFINED), _some(second, FINELY_REFINED)
-        best = _upsampled(*finer, best, _sizes(whole, largest, FINE_STEP), held, ridged=True)
-    return FunctionalMap(best, count, float(costs[chosen]), bool(reverses[chosen]) if oriented else None)
+        domain = _canonical(*finer, domain, _sizes(whole, largest, FINE_STEP), held)
+    return FunctionalMap(domain, count, float(costs[chosen]), bool(reverses[chosen]) if oriented else None)
 
 
 def _chosen(
@@ -456,33 +460,48 @@ def _sizes(size: int, largest: int, step: int) -> list[int]:
 
 
 def _upsampled(
-    first: Basis,
-    second: Basis,
-    rotation: Floats,
-    sizes: Sequence[int],
-    held: Held | None = None,
-    *,
-    ridged: bool = False,
+    first: Basis, second: Basis, rotation: Floats, sizes: Sequence[int], held: Held | None = None
 ) -> Floats:
-    """Return the map grown to each of several sizes in turn, fitted to landmarks, if `ridged` to ridges."""
+    """Return the map grown to each of several sizes in turn, fitted to landmarks."""
     for size in sizes:
         known = len(rotation)
-        rows = first.functions[:, :known] @ rotation, second.functions[:, :known]
-        forward, backward = nearest_both_ways(*(compared_rows(first, second, rotation) if ridged else rows))
-        ours, theirs = first.functions[:, :size], second.functions[:, :size]
-        ahead = (first.areas[:, None] * ours).T @ theirs[forward]
-        cross = ahead + ours[backward].T @ (second.areas[:, None] * theirs)
-        rotation = _orthogonal(cross if held is None else cross + held.cross(size))
+        partners = nearest_both_ways(first.functions[:, :known] @ rotation, second.functions[:, :known])
+        rotation = _orthogonal(_cross(first, second, partners, size, held))
     return rotation
 
 
-def compared_rows(first: Basis, second: Basis, rotation: Floats) -> tuple[Floats, Floats]:
+def _canonical(
+    first: Basis, second: Basis, domain: Domain, sizes: Sequence[int], held: Held | None
+) -> Domain:
+    """Return the domain grown to each of several sizes in turn, fitted to ridges and landmarks.
+
+    Its functions are the canonical ones (Hotelling 1936) of the surfaces under the partners of both. Each
+    counts by its correlation, so the product of two rows is that under the best linear map.
+    """
+    for size in sizes:
+        partners = nearest_both_ways(*compared_rows(first, second, domain))
+        left, twice, right = np.linalg.svd(_cross(first, second, partners, size, held))
+        roots = np.sqrt(np.minimum(0.5 * twice, 1.0))
+        domain = left * roots, right.T * roots
+    return domain
+
+
+def _cross(first: Basis, second: Basis, partners: tuple[Ints, Ints], size: int, held: Held | None) -> Floats:
+    """Return the products of both surfaces' functions over the partners, there and back, and landmarks."""
+    forward, backward = partners
+    ours, theirs = first.functions[:, :size], second.functions[:, :size]
+    ahead = (first.areas[:, None] * ours).T @ theirs[forward]
+    cross = ahead + ours[backward].T @ (second.areas[:, None] * theirs)
+    return np.asarray(cross if held is None else cross + held.cross(size))
+
+
+def compared_rows(first: Basis, second: Basis, domain: Domain) -> tuple[Floats, Floats]:
     """Return rows of n and m vertices, shapes (n, k + c) and (m, k + c), that are near for partners.
 
-    They are the k functions of both under the map between them, and weighted mean curvatures.
+    They are the k functions of both in the common domain, and weighted mean curvatures.
     """
-    size = len(rotation)
-    rows = [[first.functions[:, :size] @ rotation], [second.functions[:, :size]]]
+    size = len(domain[0])
+    rows = [[side.functions[:, :size] @ into] for side, into in zip((first, second), domain, strict=True)]
     if first.curvature is not None and second.curvature is not None:
         curvatures = first.curvature, second.curvature
         width = min(curvature.shape[1] for curvature in curvatures)
