@@ -86,6 +86,20 @@ def test_pairs_that_are_all_wrong(body, shuffled):
     assert surface_distances(body)[found, np.arange(len(order))].mean() < 0.02
 
 
+def test_functions_that_do_not_correspond_count_less(body):
+    other = make_body("teddy", 2, vertices=900)
+    first, second = (basis(each.rest, FUNCTIONS + 50) for each in (body, other))
+    everywhere = np.arange(len(body.rest.vertices))
+    as_it_is = functional_map(first, first, np.stack([everywhere, everywhere], axis=1))
+    for side in as_it_is.domain:
+        np.testing.assert_allclose(np.linalg.norm(side, axis=0), 1.0, atol=1e-3)
+    truth = individual_partners(body, other)[0]
+    found = functional_map(first, second, np.stack([everywhere, truth], axis=1))
+    ours, theirs = (np.linalg.norm(side, axis=0) for side in found.domain)
+    np.testing.assert_allclose(ours, theirs)
+    assert 1.0 >= ours[:10].min() > 0.95 > 0.8 > ours[-10:].max()
+
+
 def test_a_rod_may_be_turned_about_its_length():
     outline = [(0.0, 0.0), *((1.0 - 0.04 * z, z) for z in range(13)), (0.0, 12.0)]
     solid = trimesh.creation.revolve(outline, sections=16)
