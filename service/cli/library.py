@@ -34,7 +34,8 @@ def library_command(
         list[str] | None,
         typer.Option(
             metavar="PATTERN=TAGS",
-            help="Tags of the shapes whose paths meet a pattern in the syntax of .gitignore; repeatable.",
+            help="Tags of the shapes whose paths meet a pattern in the syntax of .gitignore or, without a "
+            "name, whose metadata meet a condition key=value; repeatable.",
         ),
     ] = None,
     copy: Annotated[
@@ -48,7 +49,8 @@ def library_command(
 
     The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
     `add` stores them, and `rescan` what has changed since, in one source or in all; `isoshape serve` rescans
-    by itself. `rule` sets the rules of a source, by which its shapes are tagged. A source is offline if its
+    by itself. `rule` sets the rules of a source, by which its shapes are tagged; without a name it sets, or
+    lists, those of the collection, by which shapes are tagged by their metadata. A source is offline if its
     folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
     `confirm` says that the files are gone for good. `remove` deletes the shapes of a source; for a time,
     `isoshape restore` brings them back.
@@ -56,9 +58,9 @@ def library_command(
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
     """
-    if target is None and action in {"add", "rule", "confirm", "remove"}:
+    if target is None and action in {"add", "confirm", "remove"}:
         fail(f"library {action} needs a name", status=2)
-    if action == "rule" and rule is None:
+    if action == "rule" and rule is None and target is not None:
         fail("library rule needs --rule; --rule '' takes all rules away", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
         if action == "list":
@@ -72,6 +74,12 @@ def library_command(
                 folder, name=name, tags=split_tags(tags or []), rules=_rules(rule or []), copies=copy
             )
             _follow(client, [added])
+        elif action == "rule" and target is None:
+            rules = client.rules().rules if rule is None else client.set_rules(_rules(rule)).rules
+            listed_rules = table("metadata", "tags")
+            for condition, given in rules.items():
+                listed_rules.add_row(condition, ", ".join(given))
+            output().print(listed_rules)
         elif action == "rule":
             _follow(client, [client.set_source_rules(_named(client, target or "").id, _rules(rule or []))])
         elif action == "rescan":

@@ -41,7 +41,7 @@ from service.jobs.schemas import Job, JobFile, JobFilePage, JobPage
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import BatchAnswer, FamiliesAnswer, MapAnswer, QueryAnswer, SearchOptions
 from service.search.suggestion_schemas import Suggestions
-from service.shapes.bulk_schemas import BulkChange, BulkChanged
+from service.shapes.bulk_schemas import BulkChange, BulkChanged, MetadataRules, RulesApplied
 from service.shapes.facets import Facets
 from service.shapes.records import Sort
 from service.shapes.schemas import (
@@ -510,6 +510,17 @@ def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call
     """Have the shapes of a source tagged by patterns of their paths; a scan tags those that are stored."""
     by_pattern = {pattern: list(tags) for pattern, tags in rules.items()}
     return Call("PUT", f"{_source(source_id)}/rules", parsed(Source), json={"rules": by_pattern})
+
+
+def rules() -> Call[MetadataRules]:
+    """Get the tags that shapes get by their metadata."""
+    return Call("GET", "/rules", parsed(MetadataRules))
+
+
+def set_rules(rules: Mapping[str, Sequence[str]]) -> Call[RulesApplied]:
+    """Have shapes tagged by conditions on their metadata, written key=value; a * stands for any text."""
+    by_condition = {condition: list(tags) for condition, tags in rules.items()}
+    return Call("PUT", "/rules", parsed(RulesApplied), json={"rules": by_condition})
 
 
 def rescan_source(source_id: str) -> Call[Source]:

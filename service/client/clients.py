@@ -128,6 +128,8 @@ class _Methods:
     follow_source = _series(calls.follow_source)
     source_files = _series(calls.source_files)
     set_source_rules = _once(calls.set_source_rules)
+    rules = _once(calls.rules)
+    set_rules = _once(calls.set_rules)
     rescan_source = _once(calls.rescan_source)
     confirm_source = _once(calls.confirm_source)
     remove_source = _once(calls.remove_source)

@@ -12,6 +12,7 @@ __all__ = [
     "records",
     "reembedding",
     "repository",
+    "rule_repository",
     "schemas",
     "service",
     "word_repository",

@@ -1,4 +1,4 @@
-"""Changes to all shapes that pass a filter, a few in each transaction."""
+"""Changes to all shapes that pass a filter, and by rules, a few in each transaction."""
 
 from typing import Any
 
@@ -7,6 +7,7 @@ from service.errors import BadRequestFieldsError, NameTakenError, ServiceError
 from service.shapes import repository, service
 from service.shapes.bulk_schemas import REFUSED, BulkChange, BulkChanged, Refused
 from service.shapes.records import ShapeFilter, ShapeRecord
+from service.shapes.rule_repository import with_rules
 from service.shapes.schemas import ShapeChanges
 from service.storage.database import ReadSession, WriteSession
 
@@ -50,6 +51,17 @@ def change(
                 report.changed += 1
         except (BadRequestFieldsError, NameTakenError) as error:
             _refuse(report, record, error)
+
+
+def tag_by_rules(session: WriteSession, collection: CollectionNumber, numbers: list[int]) -> int:
+    """Give some shapes the tags of the rules that their metadata meet; return how many changed."""
+    changed = 0
+    for record in repository.records(session, collection, numbers):
+        tags = with_rules(session, collection, record.tags, record.metadata)
+        if tags != list(record.tags):
+            repository.change(session, record.number, {"tags": tags})
+            changed += 1
+    return changed
 
 
 def _changes(record: ShapeRecord, wanted: BulkChange) -> dict[str, Any]:

@@ -1,13 +1,48 @@
 """Changes to many shapes as JSON."""
 
-from pydantic import BaseModel, Field, StrictBool
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool
 
 from service.collection import NAME
-from service.shapes.fields import Metadata, Tags
+from service.shapes.fields import Metadata, Tags, storable_text
 from service.shapes.schemas import Filters
 
 REFUSED = 100
 """Refusals that an answer tells."""
+
+
+RULES = 100
+"""Rules of a collection."""
+
+Condition = Annotated[
+    str, AfterValidator(storable_text), Field(min_length=2, max_length=255, pattern="^[^=\\x00]+=[^\\x00]*$")
+]
+
+
+class NewMetadataRules(BaseModel):
+    """The rules that a collection gets."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    rules: dict[Condition, Tags] = Field(
+        max_length=RULES,
+        description="Tags by conditions on the metadata, written key=value as in a filter. The value may "
+        "have the wildcards *, ? and [...]; upper and lower case are equal.",
+        examples=[{"material=steel*": ["steel"]}],
+    )
+
+
+class MetadataRules(BaseModel):
+    """The rules of a collection."""
+
+    rules: dict[str, list[str]] = Field(description="Tags by conditions on the metadata.")
+
+
+class RulesApplied(MetadataRules):
+    """The rules of a collection, and how many stored shapes got tags by them."""
+
+    changed: int
 
 
 class BulkChange(Filters):

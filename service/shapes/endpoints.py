@@ -28,8 +28,8 @@ from service.http.problems import (
     documented,
 )
 from service.http.request_bodies import FILE, RequestBody, once, once_each
-from service.shapes import bulk_changes, facet_repository, service
-from service.shapes.bulk_schemas import BulkChange, BulkChanged
+from service.shapes import bulk_changes, facet_repository, rule_repository, service
+from service.shapes.bulk_schemas import BulkChange, BulkChanged, MetadataRules, NewMetadataRules, RulesApplied
 from service.shapes.facets import Facets
 from service.shapes.fields import (
     METADATA_BYTES,
@@ -43,7 +43,7 @@ from service.shapes.fields import (
     base_name,
     clean_name,
 )
-from service.shapes.records import NewShape, Sort
+from service.shapes.records import NewShape, ShapeFilter, Sort
 from service.shapes.schemas import (
     Assembly,
     DeletedShapePage,
@@ -379,6 +379,41 @@ async def change_shapes(
             some = numbers[start : start + bulk_changes.AT_ONCE]
             await database.writing(bulk_changes.change, number, some, wanted, target, report)
         return report
+
+    async with container.queue.admitted(request):
+        return await while_connected(request, apply())
+
+
+@router.get("/rules", summary="Read the rules of a collection", responses=documented(*READ_PROBLEMS))
+def read_rules(container: Service, collection: InCollection) -> MetadataRules:
+    """Return the tags that shapes of the collection get by their metadata."""
+    with container.database.read() as session:
+        return MetadataRules(rules=rule_repository.rules_of(session, collection.number))
+
+
+@router.put(
+    "/rules",
+    summary="Set the rules of a collection",
+    responses=documented("busy", "shutting-down", *WRITE_PROBLEMS),
+)
+async def set_rules(
+    new: NewMetadataRules, request: Request, container: Service, collection: InCollection
+) -> RulesApplied:
+    """Have shapes tagged by their metadata: those that are stored, and every shape or entry that comes later.
+
+    Tags that shapes have stay. A shape that would have too many gets none. If the request is cut off, it can
+    be sent again.
+    """
+    database, number = container.database, collection.number
+
+    async def apply() -> RulesApplied:
+        await database.writing(rule_repository.set_rules, number, new.rules)
+        numbers = await database.reading(bulk_changes.matching, ShapeFilter(number))
+        changed = 0
+        for start in range(0, len(numbers), bulk_changes.AT_ONCE):
+            some = numbers[start : start + bulk_changes.AT_ONCE]
+            changed += await database.writing(bulk_changes.tag_by_rules, number, some)
+        return RulesApplied(rules=new.rules, changed=changed)
 
     async with container.queue.admitted(request):
         return await while_connected(request, apply())

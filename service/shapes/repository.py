@@ -36,6 +36,7 @@ from service.shapes.records import (
     Sort,
     StoredFile,
 )
+from service.shapes.rule_repository import with_rules
 from service.shapes.word_repository import having, index_words, relevances
 from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, shape_checksum
 from service.storage.columns import UtcDateTime
@@ -312,7 +313,7 @@ def add_shape(
             "checksum": "",
         },
     )
-    _write_tags(session, number, new.tags)
+    _write_tags(session, number, with_rules(session, new.collection, new.tags, new.metadata))
     _write_plain_values(session, number, new.metadata)
     index_words(session, [number])
     _store_checksums(session, [number])
@@ -328,11 +329,20 @@ def change(session: WriteSession, number: int, changes: Mapping[str, Any]) -> No
         values["meta"] = changes["metadata"]
         session.execute(delete(MetadataRow).where(MetadataRow.shape_number == number))
         _write_plain_values(session, number, changes["metadata"])
+        changes = {**changes, "tags": _tags_by_rules(session, number, changes)}
     if "tags" in changes:
         session.execute(delete(TagRow).where(TagRow.shape_number == number))
         _write_tags(session, number, changes["tags"])
     _update(session, number, values)
     index_words(session, [number])
+
+
+def _tags_by_rules(session: WriteSession, number: int, changes: Mapping[str, Any]) -> list[str]:
+    """Return the tags of a shape whose metadata change, with those of the rules that the metadata meet."""
+    collection = session.scalars(select(ShapeRow.collection_number).where(ShapeRow.number == number)).one()
+    stored = select(TagRow.tag).where(TagRow.shape_number == number).order_by(TagRow.position)
+    tags = changes["tags"] if "tags" in changes else session.scalars(stored).all()
+    return with_rules(session, CollectionNumber(collection), tags, changes["metadata"])
 
 
 def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: StoredFile) -> None:
@@ -356,7 +366,7 @@ def move_shape(session: WriteSession, record: ShapeRecord, collection: Collectio
     row |= {"id": str(uuid.uuid4()), "collection_number": collection, "revision": next_revision(session)}
     row |= {"name": name, "folded_name": name.casefold()}
     number = session.insert(ShapeRow, row)
-    _write_tags(session, number, record.tags)
+    _write_tags(session, number, with_rules(session, collection, record.tags, record.metadata))
     _write_plain_values(session, number, record.metadata)
     index_words(session, [number])
     erase_shape(session, record)

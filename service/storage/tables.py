@@ -46,7 +46,10 @@ def _key_of(table: str) -> MappedColumn[int]:
 
 
 class CollectionRow(Table):
-    """A named set of shapes. The first one is `default`, which always exists."""
+    """A named set of shapes. The first one is `default`, which always exists.
+
+    `rules` has tags by the conditions on metadata of the shapes that get them.
+    """
 
     __tablename__ = "collections"
     __table_args__ = ({"sqlite_autoincrement": True},)
@@ -54,6 +57,7 @@ class CollectionRow(Table):
     number: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(String(64), unique=True)
     created_at: Mapped[datetime] = mapped_column(UtcDateTime)
+    rules: Mapped[dict[str, list[str]]] = mapped_column(JSON, default=dict)
 
 
 class BlobRow(Table):

@@ -54,6 +54,12 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     assert run("library", "rule", "models", "--rule", "", *at).status == 0
     assert archive.sources().sources[0].rules == {}
 
+    ruled = run("library", "rule", "--rule", "maker=A*=ann", *at)
+    assert (ruled.status, rows(ruled.stdout)) == (0, [["maker=A*", "ann"]])
+    assert rows(run("library", "rule", *at).stdout) == [["maker=A*", "ann"]]
+    assert run("library", "rule", "--rule", "", *at).status == 0
+    assert archive.rules().rules == {}
+
     assert run("library", "remove", folder, *at).status == 0
     none = run("library", *at)
     assert (rows(none.stdout), "no folders yet" in none.stderr) == ([], True)

@@ -76,6 +76,8 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("follow_source", ("id",), {"seconds": 0.0}, "GET /sources/{source_id}"),
     ("source_files", ("id",), {"state": "missing", "shape_id": "id"}, "GET /sources/{source_id}/files"),
     ("set_source_rules", ("id", {"p/": ["b"]}), {}, "PUT /sources/{source_id}/rules"),
+    ("rules", (), {}, "GET /rules"),
+    ("set_rules", ({"k=v*": ["b"]},), {}, "PUT /rules"),
     ("rescan_source", ("id",), {}, "POST /sources/{source_id}/rescan"),
     ("confirm_source", ("id",), {}, "POST /sources/{source_id}/confirm"),
     ("remove_source", ("id",), {}, "DELETE /sources/{source_id}"),

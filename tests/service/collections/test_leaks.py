@@ -176,6 +176,8 @@ SENT: dict[Operation, list[Send]] = {
         to("PATCH", "/shapes", json={"add_tags": ["seen"]}),
         to("PATCH", "/shapes", json={"tag": [SECRET], "set_metadata": {"seen": 1}, "dry_run": False}),
     ],
+    ("GET", "/rules"): [to("GET", "/rules")],
+    ("PUT", "/rules"): [to("PUT", "/rules", json={"rules": {"secret=*": ["seen"]}})],
     ("POST", "/compare"): [comparison],
     ("POST", "/shapes"): [the_same],
     ("POST", "/jobs"): [
