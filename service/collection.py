@@ -1,7 +1,7 @@
 """Collections as values between storage, service and endpoints, and as JSON."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, NewType
 
@@ -22,7 +22,7 @@ class CollectionRecord:
 
     number: CollectionNumber
     name: str
-    shows_paths: bool = False
+    shows_paths: bool = field(default=False, compare=False)
 
 
 DEFAULT_COLLECTION = CollectionRecord(CollectionNumber(1), "default")

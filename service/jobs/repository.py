@@ -66,6 +66,12 @@ def counts(session: ReadSession, number: int) -> dict[str | None, int]:
     return {outcome: many for outcome, many in session.execute(query.group_by(JobFileRow.outcome))}  # noqa: C416
 
 
+def count_refused(session: ReadSession, number: int, kind: str) -> int:
+    """Return the number of a job's members that were refused for a reason."""
+    refused = JobFileRow.job_number == number, JobFileRow.outcome == "refused", JobFileRow.kind == kind
+    return session.scalar(select(func.count()).where(*refused)) or 0
+
+
 def latest_ends(session: ReadSession, number: int, after: datetime, limit: int) -> list[datetime]:
     """Return the latest times at which members were processed, in descending order."""
     query = select(JobFileRow.ended_at).where(JobFileRow.job_number == number, JobFileRow.ended_at > after)

@@ -27,7 +27,7 @@ JOB: dict[str, Any] = {
     "bytes": 48211034,
     "tags": ["2026"],
     "metadata": {"source": "scan"},
-    "counts": {"files": 195, "waiting": 120, "stored": 70, "present": 2, "refused": 3},
+    "counts": {"files": 195, "waiting": 120, "stored": 70, "present": 2, "refused": 3, "ignored": 1},
     "files_per_second": 2.4,
     "remaining_seconds": 50.0,
     "problem": None,
@@ -59,6 +59,7 @@ class Counts(BaseModel):
     stored: int = Field(description="Files that became new shapes.")
     present: int = Field(description="Files that were already stored under their name.")
     refused: int = Field(description="Files that were refused, each with a problem.")
+    ignored: int = Field(description="Those of the refused files that are no meshes by their names.")
 
 
 class Job(BaseModel):
@@ -84,8 +85,11 @@ class Job(BaseModel):
     ended_at: datetime | None = Field(description="UTC.")
 
     @classmethod
-    def of(cls, job: "JobRow", counts: Mapping[str | None, int], rate: float | None) -> "Job":
-        """Return the JSON of a job, its numbers of files by outcome, and its speed in files per second."""
+    def of(cls, job: "JobRow", counts: Mapping[str | None, int], ignored: int, rate: float | None) -> "Job":
+        """Return the JSON of a job, its numbers of files by outcome, and its speed in files per second.
+
+        `ignored` of the refused files are no meshes by their names.
+        """
         names = ("id", "state", "archive", "tags", "created_at", "started_at", "ended_at")
         numbers = {"waiting": 0, "stored": 0, "present": 0, "refused": 0}
         numbers |= {outcome or "waiting": many for outcome, many in counts.items()}
@@ -94,7 +98,7 @@ class Job(BaseModel):
             **values,
             bytes=job.size,
             metadata=job.meta,
-            counts=Counts(files=sum(counts.values()), **numbers),
+            counts=Counts(files=sum(counts.values()), ignored=ignored, **numbers),
             files_per_second=None if rate is None else round(rate, 3),
             remaining_seconds=round(numbers["waiting"] / rate, 1) if rate else None,
             problem=_cause_of(job),

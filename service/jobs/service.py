@@ -14,6 +14,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from core.errors import UnknownFormatError
 from service.collection import CollectionNumber
 from service.collections import repository as collections_repository
 from service.errors import ArchiveError, BusyError, MissingError, ServiceError
@@ -256,7 +257,9 @@ def _shown(session: ReadSession, job: JobRow) -> Job:
         since = job.started_at if len(ends) <= RATE_WINDOW else ends[-1]
         seconds = (datetime.now(UTC) - since).total_seconds()
         rate = min(len(ends), RATE_WINDOW) / seconds if ends and seconds > 0 else None
-    return Job.of(job, repository.counts(session, job.number), rate)
+    counts = repository.counts(session, job.number)
+    ignored = repository.count_refused(session, job.number, UnknownFormatError.kind)
+    return Job.of(job, counts, ignored, rate)
 
 
 def _copy(file: BinaryIO, path: Path) -> int:

@@ -19,7 +19,6 @@ from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import (
     CollectionRow,
     DuplicatePairRow,
-    JobFileRow,
     JobRow,
     JudgedShapeRow,
     ShapeRow,
@@ -165,23 +164,9 @@ def _ended(session: WriteSession, told: int, _until: int) -> Items:
         .limit(MOST)
     ).all()
     numbers = [job.number for job, _ in jobs]
-    outcomes = select(JobFileRow.job_number, JobFileRow.outcome, func.count())
-    outcomes = outcomes.where(JobFileRow.job_number.in_(numbers), JobFileRow.outcome.is_not(None))
-    counts: dict[int, dict[str | None, int]] = {number: {} for number in numbers}
-    for number, outcome, count in session.execute(
-        outcomes.group_by(JobFileRow.job_number, JobFileRow.outcome)
-    ):
-        counts[number][outcome] = count
     session.execute(update(JobRow).where(JobRow.number.in_(numbers)).values(told=True))
     return told, [
-        {
-            "collection": name,
-            "id": job.id,
-            "archive": job.archive,
-            "state": job.state,
-            "counts": counts[job.number],
-        }
-        for job, name in jobs
+        {"collection": name, "id": job.id, "archive": job.archive, "state": job.state} for job, name in jobs
     ]
 
 

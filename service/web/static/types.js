@@ -27,8 +27,9 @@
  *             milliseconds: Record<string, number>, warnings: string[] }} Answer
  * @typedef {Scores & { correspondence: Pair[] }} Comparison
  * @typedef {{ maps: number, transferred: { points: { position: number[], confidence: number }[] } }} Compared
- * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number }} Counts
- * @typedef {{ title: string, detail: string }} Cause
+ * @typedef {{ files: number, waiting: number, stored: number, present: number, refused: number,
+ *             ignored: number }} Counts
+ * @typedef {{ type: string, title: string, detail: string }} Cause
  * @typedef {{ id: string, state: string, archive: string, counts: Counts, remaining_seconds: number | null,
  *             problem: Cause | null, ended_at: string | null }} Job
  * @typedef {{ jobs: Job[] }} JobPage

@@ -157,7 +157,7 @@ function follow(job, own) {
  * @param {Row} own
  */
 function tell(job, own) {
-  const { files, waiting, stored, present, refused } = job.counts;
+  const { files, waiting, stored, present, refused, ignored } = job.counts;
   if (files === 0) {
     own.bar.removeAttribute("value");
     own.outcome.textContent = job.state === "waiting" ? "waiting" : "listing files";
@@ -165,7 +165,7 @@ function tell(job, own) {
   }
   own.bar.value = (files - waiting) / files;
   const left = job.remaining_seconds === null ? "" : `, about ${Math.ceil(job.remaining_seconds)} s left`;
-  own.outcome.textContent = `${stored} of ${files} stored, ${present} already stored, ${refused} not stored${left}`;
+  own.outcome.textContent = `${stored} of ${files - ignored} stored, ${present} already stored, ${refused - ignored} not stored${left}`;
 }
 
 /**
@@ -177,10 +177,11 @@ async function finish(job, own) {
   if (job.problem) fail(own, `${job.problem.title}: ${job.problem.detail}`);
   if (job.state === "cancelled") own.outcome.textContent = `cancelled, ${job.counts.stored} stored`;
   reload();
-  if (job.counts.refused === 0) return;
+  if (job.counts.refused === job.counts.ignored) return;
   /** @type {JobFilePage} */
   const page = await (await ask(address(`jobs/${job.id}/files`, { outcome: "refused", limit: REFUSED }))).json();
-  const causes = page.files.map((file) => make("li", {}, `${file.path}: ${file.problem?.detail ?? ""}`));
+  const meshes = page.files.filter((file) => file.problem?.type !== "urn:isoshape:problem:unknown-format");
+  const causes = meshes.map((file) => make("li", {}, `${file.path}: ${file.problem?.detail ?? ""}`));
   if (page.next_cursor) causes.push(make("li", {}, "More files were refused."));
   own.line.append(make("ul", { className: "bad" }, ...causes));
 }

@@ -89,7 +89,7 @@ def test_every_mesh_of_an_archive_is_stored_as_an_upload_would_be(clean: Running
     job_id = begun(clean.client, pack(made), name="parts.zip", tags="a,b", metadata='{"year": 2026}')
     done = ended(clean.client, job_id)
     assert (done["state"], done["archive"]) == ("done", "parts.zip")
-    assert done["counts"] == {"files": 5, "waiting": 0, "stored": 5, "present": 0, "refused": 0}
+    assert done["counts"] == {"files": 5, "waiting": 0, "stored": 5, "present": 0, "refused": 0, "ignored": 0}
     assert done["problem"] is None
     assert done["created_at"] <= done["started_at"] <= done["ended_at"]
     assert stored(clean) == {path.rpartition("/")[2]: data for path, data in made.items()}
@@ -122,7 +122,7 @@ def test_files_that_cannot_be_stored_are_named_and_hold_up_nothing(clean: Runnin
     job_id = begun(clean.client, zipped(members))
     done = ended(clean.client, job_id)
     assert done["state"] == "done"
-    assert done["counts"] == {"files": 9, "waiting": 0, "stored": 2, "present": 0, "refused": 7}
+    assert done["counts"] == {"files": 9, "waiting": 0, "stored": 2, "present": 0, "refused": 7, "ignored": 1}
     assert causes(clean.client, job_id) == {
         "cut.off": "malformed-mesh",
         "empty.stl": "empty-file",
@@ -148,7 +148,14 @@ def test_a_shape_that_is_stored_already_is_found(clean: Running) -> None:
     assert len({file["shape_id"] for file in others}) == 1
     assert clean.client.get(f"/shapes/{shape['id']}").json()["tags"] == ["before", "after"]
     again = ended(clean.client, begun(clean.client, data))
-    assert again["counts"] == {"files": 3, "waiting": 0, "stored": 0, "present": 3, "refused": 0}
+    assert again["counts"] == {
+        "files": 3,
+        "waiting": 0,
+        "stored": 0,
+        "present": 3,
+        "refused": 0,
+        "ignored": 0,
+    }
 
 
 def test_an_archive_without_files(clean: Running) -> None:
@@ -372,7 +379,7 @@ def test_the_job_waits_for_errors_that_are_no_fault_of_a_file(
 ) -> None:
     failing(monkeypatch, 1, error, error)
     done = ended(clean.client, begun(clean.client, pack(meshes(range(4)))))
-    assert done["counts"] == {"files": 4, "waiting": 0, "stored": 4, "present": 0, "refused": 0}
+    assert done["counts"] == {"files": 4, "waiting": 0, "stored": 4, "present": 0, "refused": 0, "ignored": 0}
     assert len(stored(clean)) == 4
 
 

@@ -67,7 +67,9 @@ def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
     visit: Visit, service: Running, tmp_path: Path
 ) -> None:
     members = {f"new/{number}.off": small_file(number) for number in range(3)}
-    archive = file_in(tmp_path, pack({**members, "new/bad.off": b"not a mesh"}), "parts.zip")
+    archive = file_in(
+        tmp_path, pack({**members, "new/bad.off": b"not a mesh", "README.txt": b"Print it."}), "parts.zip"
+    )
     page = visit.open("upload")
     page.fill("#upload-tags", "packed")
     page.set_input_files("#upload-files", archive)
@@ -76,7 +78,8 @@ def test_an_archive_is_stored_with_progress_and_its_bad_file_told_of(
     expect(row.locator("span").nth(1)).to_have_text("3 of 4 stored, 0 already stored, 1 not stored")
     expect(row.locator("progress")).to_have_js_property("value", 1)
     job = service.client.get("/jobs").json()["jobs"][0]
-    (bad,) = service.client.get(f"/jobs/{job['id']}/files", params={"outcome": "refused"}).json()["files"]
+    refused = service.client.get(f"/jobs/{job['id']}/files", params={"outcome": "refused"}).json()["files"]
+    (bad,) = (file for file in refused if file["path"] == "new/bad.off")
     expect(row.locator("li")).to_have_text(f"new/bad.off: {bad['problem']['detail']}")
     expect(row.get_by_role("button")).to_have_count(0)
     expect(page.locator("#gallery li")).to_have_count(9)

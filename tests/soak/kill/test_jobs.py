@@ -53,6 +53,7 @@ def assert_all_there(
     done = ended(client, job_id, seconds)
     assert done["state"] == "done"
     counts = {"waiting": 0, "stored": len(good), "present": 0, "refused": len(bad)}
+    counts["ignored"] = [kind for _, kind in bad.values()].count("unknown-format")
     assert done["counts"] == {"files": len(good) + len(bad), **counts}
     shapes = client.get("/shapes", params={"limit": 500}).json()["shapes"]
     names = {shape["id"]: shape["name"] for shape in shapes}
