@@ -219,5 +219,5 @@ def _array_faults(
     )
     if not fits:
         yield f"{name} has the shape {array.shape}"
-    elif np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+    elif array.dtype.kind == "f" and not np.isfinite(array).all():
         yield f"{name} has a number that is not finite"

@@ -75,9 +75,9 @@ def _lower_triangles(matrices: Int16s) -> Int16s:
 
 
 @lru_cache(maxsize=8)
-def _lower_entries(m: int) -> Ints:
-    """Return the indices of the lower triangle in the entries of a matrix (m, m), row after row."""
-    return np.flatnonzero(np.tri(m))
+def _lower_entries(m: int, diagonal: int = 0) -> Ints:
+    """Return the indices of the entries up to a diagonal of a matrix (m, m), row after row."""
+    return np.flatnonzero(np.tri(m, k=diagonal))
 
 
 def _floats(array: NDArray[Any]) -> Float32s:
@@ -121,7 +121,7 @@ def _quantised(matrices: Sequence[Floats]) -> Int16s:
 
 def _cube_roots(matrix: Floats) -> Int8s:
     """Return the cube roots of the entries below the diagonal, of magnitude at most 1, over `ROOT`."""
-    roots = np.rint(np.cbrt(matrix[np.tril_indices(len(matrix), -1)]) * ROOT)
+    roots = np.rint(np.cbrt(np.take(matrix, _lower_entries(len(matrix), -1))) * ROOT)
     return np.asarray(np.clip(roots, 1 - ROOT, ROOT - 1), dtype=np.int8)
 
 

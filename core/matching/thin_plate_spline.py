@@ -84,7 +84,7 @@ def spline_operators(points: Floats, first_dimensions: int, stiffness: float) ->
 
 
 def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: float) -> Floats:
-    """Return the matrices of `spline_operators`, each from one bordered matrix inverted (Eq. 16).
+    """Return the matrices of `spline_operators`, each from one symmetric matrix inverted.
 
     Compiled, and without the GIL, for the Procrustes matcher. Points that do not determine the affine part,
     as those in a plane, are left to `spline_operators`. The matrices are symmetric, of entries in [-1, 1].
@@ -102,6 +102,38 @@ def _add_squares(column: Floats, squares: Floats) -> None:
     for i in range(len(column)):
         for j in range(len(column)):
             squares[i, j] += (column[i] - column[j]) ** 2
+
+
+@compiled
+def _inverted(matrix: Floats) -> bool:
+    """Invert a symmetric positive definite matrix in its lower triangle; return whether it is one.
+
+    By the sweep operator (J. H. Goodnight, The American Statistician 33, 1979): a third of the time of LAPACK
+    for a hundred rows.
+    """
+    n = len(matrix)
+    swept = np.empty(n)
+    for pivot in range(n):
+        # The row and column of the pivot, both from the lower triangle.
+        for j in range(n):
+            swept[j] = matrix[pivot, j] if j <= pivot else matrix[j, pivot]
+        if not swept[pivot] > 0.0:
+            return False
+        scale = 1.0 / swept[pivot]
+        for i in range(n):
+            factor = swept[i] * scale
+            for j in range(i + 1):
+                matrix[i, j] -= factor * swept[j]
+        for j in range(n):
+            if j <= pivot:
+                matrix[pivot, j] = swept[j] * scale
+            else:
+                matrix[j, pivot] = swept[j] * scale
+        matrix[pivot, pivot] = -scale
+    for i in range(n):
+        for j in range(i + 1):
+            matrix[i, j] = -matrix[i, j]
+    return True
 
 
 @compiled
@@ -129,23 +161,33 @@ def _solved(points: Floats, first: int, stiffness: float, operators: Floats) -> 
         for j in range(i):
             total += 2.0 * math.sqrt(squares[i, j])
     beta = stiffness * total / (m * (m - 1))
-    # For each number of dimensions the bordered matrix of Eq. 16, inverted.
+    # For each number of dimensions: K + beta I, the affine part projected away on both sides, and inverted.
     squares[:] = 0.0
     for c in range(k):
         _add_squares(columns[c], squares)
         if c + 1 < first:
             continue
-        bordered = np.zeros((m + c + 2, m + c + 2))
+        bending = np.zeros((m, m))
         for i in range(m):
             for j in range(i):
                 if squares[i, j] > 0.0:
-                    bordered[i, j] = bordered[j, i] = squares[i, j] * math.log(squares[i, j])
-            bordered[i, i] = beta
-            for d in range(c + 2):
-                bordered[i, m + d] = bordered[m + d, i] = affine[i, d]
-        inverse = np.linalg.inv(bordered)
+                    bending[i, j] = bending[j, i] = squares[i, j] * math.log(squares[i, j])
+        basis = np.ascontiguousarray(np.linalg.qr(np.ascontiguousarray(affine[:, : c + 2]))[0])
+        across = np.ascontiguousarray(basis.T)
+        part = np.dot(bending, basis)
+        part -= 0.5 * np.dot(basis, np.dot(across, part))
+        affine_part = np.dot(part, across)
         for i in range(m):
-            for j in range(m):
-                operators[c + 1 - first, i, j] = -0.5 * beta * (inverse[i, j] + inverse[j, i])
+            for j in range(i + 1):
+                bending[i, j] -= affine_part[i, j] + affine_part[j, i]
+            bending[i, i] += beta
+        if not _inverted(bending):
+            return False
+        # I - beta times the inverse, less what is 1 / beta in it: the projection onto the affine part.
+        fitted = np.dot(basis, across)
+        for i in range(m):
+            for j in range(i + 1):
+                entry = fitted[i, j] - beta * bending[i, j]
+                operators[c + 1 - first, i, j] = operators[c + 1 - first, j, i] = entry
             operators[c + 1 - first, i, i] += 1.0
     return True
