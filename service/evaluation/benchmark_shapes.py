@@ -9,6 +9,7 @@ import numpy as np
 
 from core.arrays import Float32s
 from core.descriptors.partial import is_part
+from core.descriptors.pieces import COUNT
 from core.embedding import Embedding
 from core.evaluation.perturbation import subdivide
 from core.gallery import CLASSES, make_shape
@@ -66,10 +67,10 @@ def resized(mesh: Mesh, vertices: int) -> Mesh:
 
 
 def shaken(embedding: Embedding, number: int, other: Embedding | None = None) -> Embedding:
-    """Return the embedding with noise; the number seeds the noise and its strength.
+    """Return the embedding with noise, in another size; the number seeds the noise and its strength.
 
     The views, and the spin images of a complete surface, are mixed with those of another shape, by twice the
-    strength.
+    strength. Noisy proportions leave few copies that a query would register: there is no mesh to read.
     """
     rng = np.random.default_rng(number)
     strength = NOISE * rng.random()
@@ -88,8 +89,16 @@ def shaken(embedding: Embedding, number: int, other: Embedding | None = None) ->
         level = 0.25 * strength * np.linalg.norm(embedding.signature)
         noise = rng.standard_normal(descriptors["eigenvalues"].shape)
         descriptors["eigenvalues"] = (descriptors["eigenvalues"] + level * noise).astype(np.float16)
+    size, radius = np.exp(rng.standard_normal()), np.exp(strength * rng.standard_normal())
+    facts, pieces = embedding.facts, embedding.pieces.copy()
+    pieces[:, :COUNT] *= size
+    facts = replace(
+        facts, area=facts.area * size**2, volume=facts.volume * size**3, scale=facts.scale * size * radius
+    )
     shaken = replace(
         embedding,
+        facts=facts,
+        pieces=pieces,
         spectra=spectra,
         signature=noisy(embedding.signature, 0.25 * strength),
         descriptors=descriptors,

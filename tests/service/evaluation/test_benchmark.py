@@ -6,9 +6,11 @@ import sys
 import numpy as np
 import pytest
 
+from core.descriptors.pieces import COUNT
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.evaluation.benchmark_method import (
     MANY,
     Spread,
@@ -94,6 +96,13 @@ def test_copies_are_noisy_and_repeatable():
     assert copy.signature.tobytes() == shaken(embedding, 7, other).signature.tobytes()
     assert copy.signature.tobytes() != shaken(embedding, 8, other).signature.tobytes()
     assert method.score(embedding, [copy]).cc[0] > method.score(embedding, [other]).cc[0]
+    size = (copy.facts.area / embedding.facts.area) ** 0.5
+    assert copy.pieces[:, :COUNT] == pytest.approx(size * embedding.pieces[:, :COUNT])
+    assert copy.facts.volume / copy.facts.area**1.5 == pytest.approx(
+        embedding.facts.volume / embedding.facts.area**1.5
+    )
+    assert copy.facts.scale / size != pytest.approx(embedding.facts.scale, rel=1e-3)
+    assert embedding_to_bytes(copy) == embedding_to_bytes(embedding_from_bytes(embedding_to_bytes(copy)))
 
 
 def test_the_processors_of_a_process_are_chosen():
