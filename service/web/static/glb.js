@@ -128,11 +128,11 @@ export function firstOnRay({ positions, indices }, from, along) {
   return nearest === Infinity ? null : from.map((value, axis) => value + nearest * along[axis]);
 }
 
-/** @typedef {number[] | Float32Array} Three */
+/** @typedef {number[] | Float32Array | Float64Array} Three */
 
 /** @param {Three} a @param {Three} b */
-const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+export const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 /** @param {Three} a @param {Three} b */
-const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 /** @param {Three} a @param {Three} b */
-const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];

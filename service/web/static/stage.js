@@ -5,6 +5,7 @@ import {
   Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from "./vendor/three.js";
 import { firstOnRay } from "./glb.js";
+import { cornerNormals } from "./shading.js";
 import { bringUp, keptAxis } from "./up.js";
 
 /** @import { Model } from "./glb.js" */
@@ -24,8 +25,6 @@ const toFile = ({ middle: [x, y, z], half }) => new Matrix4().makeScale(half, ha
 /** @typedef {{ radius: number, middle: Vector3, frame: Model }} Seen */
 
 const surface = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide });
-// Refined meshes have triangles of many sizes, over which smooth shading would be uneven at sharp edges.
-const refined = new MeshLambertMaterial({ vertexColors: true, side: DoubleSide, flatShading: true });
 
 /** @param {Model} model */
 function placedGroup(model) {
@@ -35,12 +34,18 @@ function placedGroup(model) {
   return group;
 }
 
+/** The values of vertices, three each, at the corners of the triangles. @param {Float32Array} values @param {Model} model */
+function atCorners(values, { indices }) {
+  const each = new Float32Array(3 * indices.length);
+  for (let i = 0; i < each.length; i++) each[i] = values[3 * indices[Math.floor(i / 3)] + (i % 3)];
+  return each;
+}
+
 /** @param {Model} model */
 function geometryOf(model) {
   const geometry = new BufferGeometry();
-  geometry.setAttribute("position", new BufferAttribute(model.positions, 3));
-  geometry.setIndex(new BufferAttribute(model.indices, 1));
-  geometry.computeVertexNormals();
+  geometry.setAttribute("position", new BufferAttribute(atCorners(model.positions, model), 3));
+  geometry.setAttribute("normal", new BufferAttribute(cornerNormals(model), 3));
   geometry.computeBoundingSphere();
   return geometry;
 }
@@ -60,12 +65,12 @@ function reach({ positions, matrix: own }, middle, matrix = new Matrix4().fromAr
   return most;
 }
 
-/** @param {BufferGeometry} geometry @param {Float32Array} colours Red, green and blue of each vertex. */
-function setColours(geometry, colours) {
+/** @param {BufferGeometry} geometry @param {Model} model @param {Float32Array} colours Red, green and blue of each vertex. */
+function setColours(geometry, model, colours) {
   const linear = new Color();
   const stored = new Float32Array(colours.length);
   for (let i = 0; i < stored.length; i += 3) linear.setRGB(colours[i], colours[i + 1], colours[i + 2], "srgb").toArray(stored, i);
-  geometry.setAttribute("color", new BufferAttribute(stored, 3));
+  geometry.setAttribute("color", new BufferAttribute(atCorners(stored, model), 3));
 }
 
 /** One shape on its canvas. */
@@ -135,7 +140,7 @@ export class View {
   paint(colours) {
     const each = colours instanceof Float32Array ? colours : new Float32Array(this.model.positions.length);
     if (!(colours instanceof Float32Array)) for (let i = 0; i < each.length; i++) each[i] = colours[i % 3];
-    setColours(this.geometry, each);
+    setColours(this.geometry, this.model, each);
     this.stage.changed();
   }
 
@@ -152,8 +157,8 @@ export class View {
     }
     this.layers = meshes.map(({ model, colours, weight }) => {
       const group = placedGroup(model), geometry = geometryOf(model);
-      setColours(geometry, colours);
-      this.scene.add(group.add(new Mesh(geometry, refined)));
+      setColours(geometry, model, colours);
+      this.scene.add(group.add(new Mesh(geometry, surface)));
       group.visible = false;
       return { group, weight };
     });

@@ -28,6 +28,8 @@ async function showTwo(one, other) {
   title.textContent = document.title = `${a.name} and ${b.name}`;
   const left = card(a.name, [], null), right = card(b.name, [], scores, details(b.name, scores));
   cards.append(left.item, right.item);
+  const status = byId("point-status", HTMLElement);
+  status.hidden = false;
   const shown = await compare(
     [
       { name: a.name, canvas: left.canvas, glb: () => storedGlb(one), embedding: () => storedEmbedding(one), pairs: [] },
@@ -36,7 +38,7 @@ async function showTwo(one, other) {
         pairs: scores.correspondence,
       },
     ],
-    (text) => (byId("point-status", HTMLElement).textContent = text),
+    (text) => (status.textContent = text),
   );
   const [query, copy] = shown.sides.map(({ view }) => view);
   if (scores.transform) copy.place(query, scores.transform, scores.likeness === "mirrored");

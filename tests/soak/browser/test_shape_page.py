@@ -5,7 +5,7 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 from tests.service.support import Running, relate
-from tests.soak.browser.support import Visit, made, serious
+from tests.soak.browser.support import Visit, box_of, made, serious
 
 METADATA = '{"source": "scan", "year": 2024, "code": "007", "deep": {"a": [1, null]}}'
 
@@ -78,6 +78,8 @@ def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> No
 def test_a_shape_is_downloaded_in_any_format_and_searched_with(visit: Visit, service: Running) -> None:
     shape = service.client.get("/shapes", params={"name": "fish-0"}).json()["shapes"][0]
     page = opened(visit, shape)
+    # The picture comes at once after the name.
+    assert box_of(page.locator("#cards canvas"))["y"] < 130
     formats = service.client.get("/version").json()["formats"]
     offered = [option.get_attribute("value") for option in page.locator("#format option").all()]
     written = [each["name"] for each in formats if each["written"] and each["name"] != "ply"]
