@@ -1,4 +1,4 @@
-"""Normals of shapes in 3D: planes are flat whatever their triangles, edges are sharp, round surfaces are smooth."""
+"""Normals in 3D: planes are flat whatever their triangles, edges are sharp, round surfaces are smooth."""
 
 import numpy as np
 import pytest
