@@ -1,5 +1,6 @@
 """`isoshape library`: folders whose mesh files are shapes and stay where they are."""
 
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,7 +12,7 @@ from service.console import fail, output, progress, say, table
 from service.shapes.fields import split_tags
 from service.sources.schemas import Source
 
-Action = Literal["list", "add", "rule", "rescan", "confirm", "remove"]
+Action = Literal["list", "add", "rule", "rescan", "confirm", "equal", "remove"]
 
 CHECK_SECONDS = 0.5
 
@@ -52,13 +53,14 @@ def library_command(
     by itself. `rule` sets the rules of a source, by which its shapes are tagged; without a name it sets, or
     lists, those of the collection, by which shapes are tagged by their metadata. A source is offline if its
     folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
-    `confirm` says that the files are gone for good. `remove` deletes the shapes of a source; for a time,
+    `confirm` says that the files are gone for good. `equal` prints the files that are there more than once,
+    with an empty line between shapes. `remove` deletes the shapes of a source; for a time,
     `isoshape restore` brings them back.
 
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
     """
-    if target is None and action in {"add", "confirm", "remove"}:
+    if target is None and action in {"add", "confirm", "equal", "remove"}:
         fail(f"library {action} needs a name", status=2)
     if action == "rule" and rule is None and target is not None:
         fail("library rule needs --rule; --rule '' takes all rules away", status=2)
@@ -87,6 +89,12 @@ def library_command(
             _follow(client, [client.rescan_source(source.id) for source in wanted])
         elif action == "confirm":
             _follow(client, [client.confirm_source(_named(client, target or "").id)])
+        elif action == "equal":
+            source = _named(client, target or "")
+            for number, (_, files) in enumerate(
+                groupby(client.source_files(source.id, equal=True), lambda file: file.shape_id)
+            ):
+                typer.echo("\n" * (number > 0) + "\n".join(f"{source.path}/{file.path}" for file in files))
         else:
             client.remove_source(_named(client, target or "").id)
 

@@ -499,11 +499,11 @@ def follow_source(source_id: str, *, seconds: float = 1.0) -> Call[Step[Source]]
 
 
 def source_files(
-    source_id: str, *, state: FileState | None = None, shape_id: str | None = None
+    source_id: str, *, state: FileState | None = None, shape_id: str | None = None, equal: bool = False
 ) -> Call[Step[SourceFile]]:
-    """List the files of a source, or of one shape, with their states."""
-    path = f"{_source(source_id)}/files"
-    return pages(path, SourceFilePage, lambda answer: answer.files, state=state, shape_id=shape_id)
+    """List the files of a source, those of one shape, or those that are there more than once."""
+    path, conditions = f"{_source(source_id)}/files", {"state": state, "shape_id": shape_id, "equal": equal}
+    return pages(path, SourceFilePage, lambda answer: answer.files, **conditions)
 
 
 def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call[Source]:

@@ -37,6 +37,11 @@ class SourceFileListing(PageOptions):
 
     state: FileState | None = Field(default=None, description="Only files in this state.")
     shape_id: Id | None = Field(default=None, description="Only files of this shape: where it is on disk.")
+    equal: bool = Field(
+        default=False,
+        description="Only files that are there more than once: several present files have the shape, in any "
+        "source. The files of one shape come together.",
+    )
 
 
 @router.get(SOURCES, summary="List sources", responses=documented(*READ_PROBLEMS))
@@ -102,6 +107,7 @@ def list_source_files(
             source_id,
             listing.state,
             listing.shape_id,
+            equal=listing.equal,
             after=after,
             limit=listing.limit,
         )

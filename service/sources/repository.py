@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from sqlalchemy import Row, bindparam, delete, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Row, bindparam, delete, func, insert, or_, select, update
+from sqlalchemy.orm import aliased
 
 from service.collection import CollectionNumber
 from service.shapes import repository as shapes_repository
@@ -104,14 +105,29 @@ def files(
     state: FileState | None,
     shape_id: str | None,
     *,
+    equal: bool,
     after: int,
     limit: int,
 ) -> tuple[int, list[Row[SourceFileRow, str | None]]]:
     """Return the number of a source's files in a state and of a shape, and the next ones.
 
-    These come after the file with the number `after`, each with the id of its shape.
+    With `equal`, these are present files whose shapes have other present files, ordered by shape. They come
+    after the file with the number `after`, each with the id of its shape.
     """
     wanted = [SourceFileRow.source_number == number]
+    following: ColumnElement[bool] = SourceFileRow.number > after
+    order: list[Any] = [SourceFileRow.number]
+    if equal:
+        other = aliased(SourceFileRow)
+        twin = select(other.number).join(SourceRow, SourceRow.number == other.source_number)
+        twin = twin.where(other.shape_number == SourceFileRow.shape_number, other.state == "present", _KEPT)
+        twin = twin.where(other.number != SourceFileRow.number)
+        wanted += [SourceFileRow.state == "present", twin.exists()]
+        order.insert(0, SourceFileRow.shape_number)
+        if after:
+            last = select(SourceFileRow.shape_number).where(SourceFileRow.number == after).scalar_subquery()
+            of_last = (SourceFileRow.shape_number == last) & following
+            following = (SourceFileRow.shape_number > last) | of_last
     if state is not None:
         wanted.append(SourceFileRow.state == state)
     if shape_id is not None:
@@ -122,8 +138,8 @@ def files(
     query = (
         select(SourceFileRow, ShapeRow.id)
         .outerjoin(ShapeRow, shape & NOT_DELETED)
-        .where(*wanted, SourceFileRow.number > after)
-        .order_by(SourceFileRow.number)
+        .where(*wanted, following)
+        .order_by(*order)
         .limit(limit)
     )
     return total, list(session.execute(query))

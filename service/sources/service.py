@@ -87,12 +87,15 @@ def list_files(
     state: FileState | None,
     shape_id: str | None,
     *,
+    equal: bool,
     after: int,
     limit: int,
 ) -> SourceFilePage:
-    """Return one page of the files of a source, in a state and of a shape if these are given."""
+    """Return one page of the files of a source; see `repository.files`."""
     source = _row(session, collection, source_id)
-    total, rows = repository.files(session, source.number, state, shape_id, after=after, limit=limit + 1)
+    total, rows = repository.files(
+        session, source.number, state, shape_id, equal=equal, after=after, limit=limit + 1
+    )
     return SourceFilePage(
         files=[SourceFile.of(file, shape_id) for file, shape_id in rows[:limit]],
         total=total,

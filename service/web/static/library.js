@@ -5,7 +5,7 @@ import { button, byId, make, showError } from "./dom.js";
 import { moment } from "./facts.js";
 import { current } from "./state.js";
 
-/** @import { Source, SourceFilePage } from "./types.js" */
+/** @import { Source, SourceFile, SourceFilePage } from "./types.js" */
 
 const LOOK_MILLISECONDS = 1000;
 /** Missing or refused files that are listed. */
@@ -70,8 +70,9 @@ function item(source) {
   for (const [kind, count] of /** @type {[string, number][]} */ ([
     ["missing", counts.missing], ["refused", counts.refused], ["unreadable", counts.unreadable],
   ])) {
-    if (count > 0) made.append(files(id, kind, count));
+    if (count > 0) made.append(files(id, kind, `${count} ${kind}`));
   }
+  if (counts.present > 1) made.append(files(id, EQUAL, "Files that are there more than once"));
   for (const [place, reason] of Object.entries(scan.unread)) {
     made.append(make("p", { className: "warning" }, `${place} is left out: ${reason}`));
   }
@@ -106,15 +107,32 @@ function act(action, text, { id, name }, busy) {
   return made;
 }
 
+/** The list of the files that are there more than once. */
+const EQUAL = "equal";
+
+/** One line a shape, with all its files. @param {SourceFile[]} listed Those of one shape together. */
+function equalFiles(listed) {
+  /** @type {SourceFile[][]} */
+  const groups = [];
+  for (const file of listed) {
+    if (groups.at(-1)?.[0].shape_id === file.shape_id) groups.at(-1)?.push(file);
+    else groups.push([file]);
+  }
+  return groups.map((group) => {
+    const [{ shape_id }] = group, paths = group.map(({ path }) => path).join(" = ");
+    return make("li", {}, shape_id === null ? paths : make("a", { href: address(`shapes/${shape_id}/view`) }, paths));
+  });
+}
+
 /**
- * A list of the files in a state, which is loaded when it is opened.
+ * A list of the files in a state, or of equal files, which is loaded when it is opened.
  * @param {string} id
  * @param {string} kind
- * @param {number} count
+ * @param {string} title
  */
-function files(id, kind, count) {
+function files(id, kind, title) {
   const lines = make("ul", { className: "files" });
-  const made = make("details", {}, make("summary", {}, `${count} ${kind}`), lines);
+  const made = make("details", {}, make("summary", {}, title), lines);
   const key = `${kind} ${id}`;
   made.addEventListener("toggle", async () => {
     if (!made.open) open.delete(key);
@@ -122,10 +140,14 @@ function files(id, kind, count) {
     open.add(key);
     try {
       /** @type {SourceFilePage} */
-      const page = await (await ask(address(`sources/${id}/files`, { state: kind, limit: String(SHOWN) }))).json();
+      const page = await (await ask(address(`sources/${id}/files`, {
+        ...(kind === EQUAL ? { equal: "true" } : { state: kind }), limit: String(SHOWN),
+      }))).json();
       const rest = page.total - page.files.length;
+      const made = kind === EQUAL ? equalFiles(page.files)
+        : page.files.map(({ path, problem }) => make("li", {}, problem ? `${path}: ${problem.detail}` : path));
       lines.replaceChildren(
-        ...page.files.map(({ path, problem }) => make("li", {}, problem ? `${path}: ${problem.detail}` : path)),
+        ...(made.length > 0 ? made : [make("li", {}, "none")]),
         ...(rest > 0 ? [make("li", {}, `and ${rest} more`)] : []),
       );
     } catch (error) {

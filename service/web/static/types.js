@@ -48,7 +48,8 @@
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
  *             counts: { present: number, missing: number, refused: number, unreadable: number },
  *             scanned_at: string | null }} Source
- * @typedef {{ files: { path: string, state: string, problem: Cause | null }[], total: number }} SourceFilePage
+ * @typedef {{ path: string, state: string, shape_id: string | null, problem: Cause | null }} SourceFile
+ * @typedef {{ files: SourceFile[], total: number }} SourceFilePage
  * @typedef {{ collections: { name: string, shapes: number }[] }} Collections
  * @typedef {{ access: "none" | "read" | "full", signed_in: boolean }} Session
  * @typedef {{ formats: { name: string, title: string, endings: string[], read: boolean, written: boolean }[] }} Version

@@ -32,6 +32,8 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     places = {f"in the library {folder}/{path}" for path in ("a.off", "deep/copy.off")}
     assert places <= set(run("show", "a.off", *at).stdout.splitlines())
     (source,) = archive.sources().sources
+    equal = run("library", "equal", "models", *at)
+    assert {*equal.stdout.splitlines()} == {f"{folder}/a.off", f"{folder}/deep/copy.off"}
     assert not [*archive.source_files(source.id, shape_id=shape.id, state="missing")]
     assert not [*archive.source_files(source.id, shape_id=source.id)]
     (folder / "deep" / "copy.off").unlink()

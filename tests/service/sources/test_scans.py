@@ -226,6 +226,36 @@ def test_one_file_in_two_sources_is_one_shape(library: Library, root: Path, tmp_
     assert library.rescan()["state"] == "ready"
 
 
+def test_files_that_are_there_more_than_once_are_listed_by_shape(
+    library: Library, root: Path, tmp_path: Path
+) -> None:
+    """Also those of which the other is in another source, on all pages, while both are there."""
+    other = tmp_path / "other"
+    put(other / "b again.off", small_file(2))
+    put(root / "last.off", small_file(1))
+    library.rescan()
+    triple = {"a.off", "inner/copy of a.off", "last.off"}
+    assert set(library.files(equal=True)) == triple
+    with Library.of(library.running, other) as elsewhere:
+        assert set(elsewhere.files(equal=True)) == {"b again.off"}
+        paths, cursor = [], None
+        while not paths or cursor:
+            page = library.running.client.get(
+                f"/sources/{library.id}/files",
+                params={"equal": True, "limit": 1} | ({"cursor": cursor} if cursor else {}),
+            ).json()
+            assert page["total"] == 4
+            paths += [file["path"] for file in page["files"]]
+            cursor = page["next_cursor"]
+        assert len(paths) == 4
+        assert triple in ({*paths[:3]}, {*paths[1:]})
+        (other / "b again.off").rename(tmp_path / "gone.off")
+        put(other / "c.off", small_file(4))
+        put(other / "d.off", small_file(5))
+        elsewhere.rescan("confirm")
+        assert set(library.files(equal=True)) == triple
+
+
 def test_what_cannot_be_read_is_told_and_keeps_its_shape(
     library: Library, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

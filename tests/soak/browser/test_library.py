@@ -1,5 +1,6 @@
 """The library: a folder's state, a loss that is confirmed, and what is missing."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,13 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         page = visit.open("library")
         # A press waits for the scan that it begins.
         put(root / "b.off", small_file(2))
+        put(root / "copy of b.off", small_file(2))
         page.get_by_role("button", name="Rescan").click()
-        expect(row).to_contain_text("2 files, up to date")
+        expect(row).to_contain_text("3 files, up to date")
+        row.get_by_text("Files that are there more than once").click()
+        link = row.locator(".files a")
+        expect(link).to_have_text(re.compile(r"^(b.off = copy of b.off|copy of b.off = b.off)$"))
+        expect(link).to_have_attribute("href", re.compile(f"/shapes/{library.shapes()['b.off']}/view$"))
+        assert serious(page) == []
     page.reload()
     expect(page.locator("#library-status")).to_contain_text("No folders yet.")
