@@ -85,7 +85,7 @@ def test_each_fault_lowers_it(faults: dict[str, int], expected: float) -> None:
 
 
 def test_a_polygon_soup_is_hardly_reliable() -> None:
-    soup = Pipeline(DEFAULT).embed(make_soup(make_shape("cup", 0), 0.1, 0))
+    soup = Pipeline(DEFAULT).embed(make_soup(icosphere(2), 0.1, 0))
     assert intrinsic_reliability(soup.facts) < 0.05
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
+from core.dense.functional_maps import FUNCTIONS
 from core.errors import ParameterError
 from core.evaluation import correspondence_errors
 from core.evaluation.correspondence_errors import (
@@ -126,7 +127,8 @@ def test_distances_are_in_units_of_the_root_of_the_area():
 
 @pytest.fixture
 def small_bodies(monkeypatch):
-    """The studies of bodies at full size are among those of the command."""
+    """The studies of bodies at full size, and of more functions, are among those of the command."""
+    monkeypatch.setattr(correspondence_errors, "FINE", FUNCTIONS)
     monkeypatch.setattr(correspondence_errors, "make_body", partial(make_body, vertices=1000))
     monkeypatch.setattr(correspondence_errors, "REMESHED", 850)
 
