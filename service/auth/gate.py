@@ -175,16 +175,9 @@ class Gate:
     def admit(self, method: str, path: str, headers: Headers) -> Grant | None:
         """Return the grant of an admitted request; None if its path is public.
 
-        Raises
-        ------
-        MisdirectedRequestError
-            The request names another host.
-        CrossSiteError
-            A page of another site caused a browser to send the request.
-        UnauthorizedError, ForbiddenError
-            The request has no key, or its key does not allow the request.
-        RateLimitError
-            The key has exceeded its rate limit.
+        Raise MisdirectedRequestError if the request names another host, CrossSiteError if a page of another
+        site caused a browser to send it, UnauthorizedError or ForbiddenError if it has no key, or a key that
+        does not allow it, and RateLimitError if the key has exceeded its rate limit.
         """
         if not (self._keys and path in PROBES):
             check_host(headers, self._hosts)

@@ -155,15 +155,8 @@ class Client(_Methods):
     timeout : httpx.Timeout, optional
         Ten minutes for an answer by default.
 
-    Raises
-    ------
-    ClientError
-        A header cannot hold the key or the name of the collection.
-
-    Notes
-    -----
-    Every method raises `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`. Several threads may use
-    a client at the same time.
+    Raise ClientError if a header cannot hold the key or the name of the collection. Every method raises
+    `ProblemError`, `UnreachableError` or `UnexpectedAnswerError`. Several threads may use a client at a time.
     """
 
     def __init__(

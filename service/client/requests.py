@@ -74,14 +74,10 @@ class UnexpectedAnswerError(ClientError):
 
 
 class ProblemError(ClientError):
-    """The service answered with a problem document.
+    """The service answered with a `problem` document.
 
-    Attributes
-    ----------
-    problem : Problem
-        The document.
-    kind : str
-        The last part of its type, such as "shape-not-found" or "no-triangles". Programs may branch on it.
+    `kind` is the last part of its type, such as "shape-not-found" or "no-triangles". Programs may branch on
+    it.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -221,10 +217,8 @@ def headers_with(key: str | None, collection: str | None) -> dict[str, str]:
 def retry_delay(answer: httpx.Response, attempt: int) -> float | None:
     """Return the seconds of exponential backoff before the next attempt; None after a success.
 
-    The first wait is the one that the service asks for; each later one is twice as long.
-
-    `attempt` is the number of attempts before this one. Raise ProblemError or UnexpectedAnswerError if a
-    retry is of no use, or the retries are used up.
+    The first wait is the one that the service asks for; each later one is twice as long. `attempt` is the
+    number of attempts before this one. Raise ProblemError or UnexpectedAnswerError if a retry is of no use.
     """
     if answer.is_success:
         return None

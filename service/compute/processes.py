@@ -163,14 +163,9 @@ class WorkerProcess:
     def receive(self, seconds: float, given_up: Callable[[], bool] = lambda: False) -> Any:  # noqa: ANN401
         """Return the result of the call, or raise its error; `given_up` is polled meanwhile.
 
-        Raises
-        ------
-        TaskTimeLimitError
-            The call took longer than `seconds` and may still run; or it used up its processor time and ended.
-        TaskGivenUpError
-            The caller has cancelled the call, which may still run.
-        WorkerLostError
-            The process died, stands still, or sent no answer.
+        Raise TaskTimeLimitError if the call took longer than `seconds` and may still run, or used up its
+        processor time and ended; TaskGivenUpError if the caller has cancelled it, which may still run; and
+        WorkerLostError if the process died, stands still, or sent no answer.
         """
         going = time.monotonic()
         end = going + seconds

@@ -191,21 +191,10 @@ async def end(task: asyncio.Task[None]) -> None:
 class RequestQueue:
     """Reading, embedding and comparing shapes in worker processes, the requests of each client in turn.
 
-    Attributes
-    ----------
-    executor : Executor
-        Runs everything but the reading of files.
-    readers : Executor
-        Reads files, in processes that `sandbox.enter` has confined.
-    limits : Limits
-        The limits of a file.
-    read_seconds : float
-        The limit of processor time for reading a file.
-    workers, length : int
-        The number of requests at work, and that of those that may wait; one more of each is for a client that
-        has none.
-    compiling : callable
-        Returns whether no worker can start before the kernels are compiled.
+    `readers` read files, within `limits` and `read_seconds` of processor time, in processes that
+    `sandbox.enter` has confined; `executor` runs all else. `workers` requests are at work and `length` may
+    wait; one more of each is for a client that has none. `compiling` returns whether no worker can start
+    before the kernels are compiled.
     """
 
     executor: Executor
@@ -246,14 +235,9 @@ class RequestQueue:
     async def admitted(self, request: Request) -> AsyncIterator[None]:
         """Wait for the turn of a request, which is at work for the duration of the block.
 
-        Raises
-        ------
-        BusyError
-            `room` requests run or wait already, or the request has given way to that of another client.
-        ClientDisconnect
-            The client disconnected.
-        CompilingError
-            No worker can start yet.
+        Raise BusyError if `room` requests run or wait already, or the request has given way to that of
+        another client, ClientDisconnect if the client disconnected, and CompilingError if no worker can start
+        yet.
         """
         if self.compiling():
             raise CompilingError
@@ -269,15 +253,16 @@ class RequestQueue:
         """Read a file and embed its mesh."""
         with _at_fault():
             file, milliseconds = await self._reading(data, format)
-            work = self._in_turn(embed_mesh, file.mesh, pipeline.parameters, milliseconds, file.warnings)
+            arguments = file.mesh, pipeline.parameters, milliseconds, file.warnings
+            work = _in_turn(self._tasks, self.executor, embed_mesh, *arguments)
             # The mesh goes once a worker has it.
-            del file
+            del file, arguments
             return await work
 
     async def compare(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function on stored embeddings in a worker; too little memory is no fault of the request."""
         with short_of_memory(), _failures_logged():
-            return await self._in_turn(function, *arguments)
+            return await _in_turn(self._tasks, self.executor, function, *arguments)
 
     async def read(self, data: bytes, format: str) -> Mesh:
         """Read the mesh of a file."""
@@ -312,12 +297,7 @@ class RequestQueue:
     async def do(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
         """Call a function, which the workers import by its name, in a worker."""
         with _at_fault():
-            return await self._in_turn(function, *arguments)
-
-    async def _in_turn(self, function: Callable[[*Arguments], Result], *arguments: *Arguments) -> Result:
-        work = _in_turn(self._tasks, self.executor, function, *arguments)
-        del arguments
-        return await work
+            return await _in_turn(self._tasks, self.executor, function, *arguments)
 
     async def _reading(self, data: bytes, format: str) -> tuple[MeshFile, float]:
         return await run_in_threadpool(mesh_from_bytes, await self._from_reader(read_file, data, format))

@@ -131,20 +131,10 @@ def read_zip_directory(end: bytes, size: int, most: int, seconds: float) -> byte
 def zip_directory(end: bytes, size: int, most: int) -> bytes:
     """List the directory of a ZIP of `size` bytes, of which `end` is the last part.
 
-    A directory of a few megabytes can keep the library busy for minutes.
-
-    Returns
-    -------
-    bytes
-        JSON: the number of entries and, unless they are more than `most`, a list for each entry but folders:
-        its path, flags, method, external attributes, position in the file, packed size, size and CRC-32.
-
-    Raises
-    ------
-    MeshTooComplexError
-        The directory begins before `end`.
-    ValueError
-        The bytes are not the end of a ZIP.
+    A directory of a few megabytes can keep the library busy for minutes. Return JSON: the number of entries
+    and, unless they are more than `most`, a list for each entry but folders: its path, flags, method,
+    external attributes, position in the file, packed size, size and CRC-32. Raise MeshTooComplexError if the
+    directory begins before `end`, and ValueError if the bytes are not the end of a ZIP.
     """
     try:
         with zipfile.ZipFile(_FileEnd(end, size)) as archive:

@@ -168,22 +168,14 @@ def study(
     """Fit the models to all pairs, and judge each class by models fitted without it.
 
     `scored` has the labels and the pairs of each of the named collections, `perturbed` the `part_pairs` of
-    all.
+    all. Raise ParameterError if without one of the classes all pairs have the same label.
 
-    Returns
-    -------
-    dict
-        The object that `--json` prints: the model of complete pairs; `incomplete`, the model of pairs with an
-        incomplete shape, and how it judges shapes made incomplete; `plain` and `plain_incomplete`, both
-        models without the features of a network, equal to the others where it is not installed; `together`,
-        over all collections, each with the same weight; `collections`, by both models, each for its pairs.
-        NN, FT and ST are those of the ranking by these probabilities; of incomplete shapes NN alone, by which
-        the most probable whole shape, except their own, is of their class.
-
-    Raises
-    ------
-    ParameterError
-        Without one of the classes, all pairs have the same label.
+    Return the object that `--json` prints: the model of complete pairs; `incomplete`, the model of pairs with
+    an incomplete shape, and how it judges shapes made incomplete; `plain` and `plain_incomplete`, both models
+    without the features of a network, equal to the others where it is not installed; `together`, over all
+    collections, each with the same weight; `collections`, by both models, each for its pairs. NN, FT and ST
+    are those of the ranking by these probabilities; of incomplete shapes NN alone, by which the most probable
+    whole shape, except their own, is of their class.
     """
     complete, incomplete = [], []
     for labels, scores in scored:

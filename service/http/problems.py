@@ -67,28 +67,20 @@ class RefusedBodyError(HTTPException):
 
 
 def problem_response(
-    kind: str,
-    detail: str,
-    *,
-    retry_after: int | None = None,
-    faults: Sequence[FieldFault] = (),
-    headers: dict[str, str] | None = None,
+    kind: str, detail: str, *, faults: Sequence[FieldFault] = (), headers: dict[str, str] | None = None
 ) -> JSONResponse:
     """Return the problem document of one occurrence."""
     problem = Problem.answering(request_id.get() or "", kind, detail, faults)
-    headers = dict(headers or {})
-    if retry_after is not None:
-        headers["Retry-After"] = str(retry_after)
-    return ProblemResponse(problem, kind, headers)
+    return ProblemResponse(problem, kind, headers or {})
 
 
 def problem_of(error: ServiceError) -> JSONResponse:
     """Return the problem document of one of the service's errors."""
     faults = error.faults if isinstance(error, BadRequestFieldsError) else ()
     headers = {} if error.challenge is None else {"WWW-Authenticate": error.challenge}
-    return problem_response(
-        error.kind, str(error), retry_after=error.retry_after, faults=faults, headers=headers
-    )
+    if error.retry_after is not None:
+        headers["Retry-After"] = str(error.retry_after)
+    return problem_response(error.kind, str(error), faults=faults, headers=headers)
 
 
 def handle_problems(app: FastAPI) -> None:

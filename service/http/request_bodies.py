@@ -74,16 +74,10 @@ class RequestBody(Generic[Model]):
     async def __call__(self, request: Request) -> AsyncIterator[Model]:
         """Yield the model. A large file of the form is on disk, and is closed when the endpoint has ended.
 
-        Raises
-        ------
-        UnsupportedBodyError
-            The body has another media type, or a form another character set than UTF-8.
-        BadRequestFieldsError
-            The body is not what the model says.
-        FileTooLargeError
-            The file is larger than the setting allows, or the other fields have too much text together.
-        StorageFullError, StorageUnavailableError
-            The file cannot be written to the temporary folder.
+        Raise UnsupportedBodyError if the body has another media type, or a form another character set than
+        UTF-8; BadRequestFieldsError if it is not what the model says; FileTooLargeError if the file is larger
+        than the setting allows, or the other fields have too much text together; and StorageFullError or
+        StorageUnavailableError if the file cannot be written to the temporary folder.
         """
         content_type = request.headers.get("content-type", "")
         media_type = content_type.partition(";")[0].strip().lower()

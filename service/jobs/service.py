@@ -79,16 +79,9 @@ class Jobs:
     ) -> Job:
         """Store an archive and its job; when this returns, both are durable and the job waits for its turn.
 
-        Stages: check that the job is accepted; copy the archive into the folder; insert the job.
-
-        Raises
-        ------
-        CollectionNotFoundError
-            The collection was deleted.
-        BusyError
-            The largest number of jobs is unfinished, or the client has its share of them.
-        StorageFullError, StorageUnavailableError
-            The archive cannot be written.
+        Raise CollectionNotFoundError if the collection was deleted, BusyError if the largest number of jobs
+        is unfinished, or the client has its share of them, and StorageFullError or StorageUnavailableError if
+        the archive cannot be written.
         """
         with self._database.read() as session:
             self._check_room(session, client)
@@ -169,16 +162,9 @@ class Jobs:
     ) -> Generator[tuple[JobFileRow, bytes | MemberFault]]:
         """List the members of a job, unless they are listed, and yield those without an outcome.
 
-        Each comes with its bytes or the reason of its refusal. `read_directory`: see `ZipArchive`.
-
-        Raises
-        ------
-        ArchiveTooLargeError
-            The archive exceeds the limits.
-        MalformedArchiveError
-            The archive is not a ZIP, or is not in the folder.
-        StorageUnavailableError
-            The disk fails.
+        Each comes with its bytes or the reason of its refusal. `read_directory`: see `ZipArchive`. Raise
+        ArchiveTooLargeError if the archive exceeds the limits, MalformedArchiveError if it is not a ZIP, or
+        is not in the folder, and StorageUnavailableError if the disk fails.
         """
         with self._opened(job.id) as file:
             archive = ZipArchive(file, self._settings, read_directory)

@@ -121,23 +121,10 @@ class _Entry:
 
 
 class ZipArchive:
-    """A zip. Its members except folders have positions from 0.
+    """A zip in an open file, within the limits of settings. Its members except folders have positions from 0.
 
-    Parameters
-    ----------
-    file : file
-        The zip, open for reading.
-    limits : Settings
-        The limits of archives and uploads.
-    read_directory : callable
-        Reads the directory, in a confined process.
-
-    Raises
-    ------
-    ArchiveTooLargeError
-        It has more members than the limit.
-    MalformedArchiveError
-        Its directory cannot be read.
+    `read_directory` reads the directory, in a confined process. Raise ArchiveTooLargeError if the zip has
+    more members than the limit, and MalformedArchiveError if its directory cannot be read.
     """
 
     def __init__(self, file: BinaryIO, limits: Settings, read_directory: ReadDirectory) -> None:

@@ -85,16 +85,8 @@ def correspondence_colours(
 ) -> tuple[Floats, Floats]:
     """Colour the n vertices of the first shape by position, and the m of the second by their partners.
 
-    Places of the second shape without a partner are grey.
-
-    Parameters
-    ----------
-    points : float64, shape (n, 3)
-        Vertices of the first shape.
-    format_up : float64, shape (3, 3)
-        The rotation after which y is up.
-    back : DenseCorrespondence
-        From the second shape to the first.
+    Places of the second shape without a partner are grey. `points`, shape (n, 3), are the vertices of the
+    first; y is up after the rotation `format_up`, shape (3, 3); `back` is from the second shape to the first.
     """
     first = colours_of_points(points, format_up)
     return first, np.where(back.partnered[:, None], first[back.vertices], 0.6)

@@ -57,16 +57,10 @@ class ShownMesh:
 
 @dataclass(frozen=True, eq=False)
 class GlbPart(ShownMesh):
-    """One mesh of a GLB file.
+    """One mesh of a GLB file, with `facts`, additional `extras` of its node.
 
-    Attributes
-    ----------
-    facts : dict
-        Additional `extras` of the node.
-    colours : uint8, shape (n, 4) or (0, 4)
-        Vertex colours (red, green, blue, opacity), if any.
-    frame : (float64, shape (3,), and float), or None
-        The middle and half the size of what is scaled to the common size; None for those of the mesh.
+    `colours`, uint8 of shape (n, 4) or (0, 4), are those of the vertices (red, green, blue, opacity), if any;
+    `frame` has the middle and half the size of what is scaled to the common size, None for those of the mesh.
     """
 
     facts: dict[str, Any] = field(default_factory=dict)
@@ -169,7 +163,7 @@ def painted(
     With "difference" the extras of each node have the `quantity` "stretch" and the share of vertices
     `without_partner`. The PNG has both side by side on a transparent ground, `2 size` by `size` pixels.
     """
-    return _written(_painted_parts(pair, ways, faces, paint), size)
+    return _drawn(_painted_parts(pair, ways, faces, paint), size)
 
 
 def painted_distances(
@@ -181,14 +175,12 @@ def painted_distances(
     The extras of each node have the `quantity` "distance", `registered`, the `largest` distance that sampling
     does not explain, and the `maximum` of the scale, both in units of the first mesh.
     """
-    return _written(_distance_parts(pair, placing, registered, faces), size)
+    return _drawn(_distance_parts(pair, placing, registered, faces), size)
 
 
-def _written(parts: list[GlbPart], size: int | None) -> bytes:
-    return write_glb(parts) if size is None else _picture(parts, size)
-
-
-def _picture(parts: list[GlbPart], size: int) -> bytes:
+def _drawn(parts: list[GlbPart], size: int | None) -> bytes:
+    if size is None:
+        return write_glb(parts)
     picture = Image.new("RGBA", (2 * size, size))
     for number, part in enumerate(parts):
         colours = part.colours[:, :3] / 255.0

@@ -51,20 +51,10 @@ WIDE = 4
 
 
 def nearest_triangles(corners: Floats, size: int) -> NDArray[np.int64]:
-    """Return the visible triangle of each pixel.
+    """Return the visible triangle of each pixel, the first one of equals, shape (size, size); else `NOTHING`.
 
-    Parameters
-    ----------
-    corners : float64, shape (f, 3, 3)
-        Corners of each triangle: x from the left and y from the top in pixels, and height towards the viewer.
-        The centre of pixel (i, j) is at x = j + 0.5, y = i + 0.5.
-    size : int
-        Width and height in pixels.
-
-    Returns
-    -------
-    int64, shape (size, size)
-        The highest triangle at the pixel, the first one of equals; `NOTHING` where there is none.
+    The corners of each triangle, shape (f, 3, 3), have x from the left and y from the top in pixels, and
+    height towards the viewer. The centre of pixel (i, j) is at x = j + 0.5, y = i + 0.5.
     """
     seen = np.full((size, size), NOTHING, dtype=np.int64)
     _fill(np.ascontiguousarray(corners, dtype=np.float64), np.full((size, size), -np.inf), seen)
@@ -133,19 +123,10 @@ def draw(mesh: Mesh, format: str, size: int) -> bytes:
 
 
 def draw_painted(mesh: Mesh, format: str, size: int, points: Floats, colours: Floats) -> bytes:
-    """Return the same picture, with the surface coloured by interpolation between points.
+    """Return the same picture, with the surface coloured by interpolation between p >= 1 points.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    format : str
-        Format of the mesh's file, which determines the upward axis.
-    size : int
-        Width and height in pixels.
-    points : float64, shape (p, 3), p >= 1
-        In the coordinates of the mesh.
-    colours : float64, shape (p, 3)
-        Red, green and blue of each point, in [0, 1].
+    The points, shape (p, 3), are in the coordinates of the mesh; their colours, shape (p, 3), are red, green
+    and blue in [0, 1].
     """
 
     def colour(seen: Ints, pixels: Floats, corners: Floats) -> Floats:

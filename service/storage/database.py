@@ -100,18 +100,10 @@ def next_revision(session: WriteSession) -> int:
 
 
 class Database:
-    """The database at one address.
+    """The database at an SQLAlchemy URL, an SQLite file or a PostgreSQL database.
 
-    Parameters
-    ----------
-    url : str
-        An SQLAlchemy URL of an SQLite file, or of a PostgreSQL database.
-    lock_seconds : float
-        The longest wait for another writer, in this process or another.
-    metrics : Metrics, optional
-        Counters of sessions and failures.
-    reserve : bool
-        Whether the disk keeps room for deletions; SQLite only.
+    `lock_seconds` is the longest wait for another writer, in this process or another. `metrics` count
+    sessions and failures. With `reserve` the disk keeps room for deletions; SQLite only.
     """
 
     def __init__(

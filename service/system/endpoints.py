@@ -55,7 +55,7 @@ async def readyz(container: Service) -> Readiness | Response:
     if not container.comparing_is_ready.is_set():
         faults.append("what compares shapes is not loaded yet")
     if faults:
-        return problem_response("not-ready", "; ".join(faults), retry_after=1)
+        return problem_response("not-ready", "; ".join(faults), headers={"Retry-After": "1"})
     return Readiness()
 
 
