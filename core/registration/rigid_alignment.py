@@ -10,7 +10,7 @@ import numpy as np
 
 from core.arrays import Floats
 from core.registration.initial_alignments import FAR
-from core.registration.probed_surface import SPREAD, ProbedSurface
+from core.registration.probed_surface import ProbedSurface
 from core.registration.similarity import (
     NEAR,
     SHARE,
@@ -19,7 +19,7 @@ from core.registration.similarity import (
     to_unit_area,
     trimmed_similarity,
 )
-from core.registration.surface_fit import coarsely_fitted, distances_to, fitted
+from core.registration.surface_fit import coarsely_fitted, fitted, spread_distances
 
 
 def rigid_alignment(
@@ -74,13 +74,7 @@ class _Fit(NamedTuple):
 
     @classmethod
     def of(cls, first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Self:
-        ahead, behind = (
-            distances_to(other, one.points[-SPREAD:], one.normals[-SPREAD:], one.errors[-SPREAD:], transform)[
-                0
-            ]
-            for one, other, transform in ((first, second, motion), (second, first, motion.inverse))
-        )
-        ways = ahead, behind * motion.scale
+        ways = spread_distances(first, second, motion)
         return cls(
             motion,
             float(np.minimum(np.concatenate(ways), FAR).mean()),

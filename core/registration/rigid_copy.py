@@ -6,6 +6,7 @@ largest local deviation relative to the sampling errors of both meshes.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,8 +18,15 @@ from core.embedding import Embedding
 from core.mesh.bounding_box import least_box_axes
 from core.registration.initial_alignments import initial_alignments
 from core.registration.probed_surface import ProbedSurface
-from core.registration.similarity import RESIDUAL, Similarity, best_similarity
-from core.registration.surface_fit import LocalDeviation, coarsely_fitted, fitted, local_deviation
+from core.registration.similarity import NEAR, RESIDUAL, Similarity, best_similarity
+from core.registration.surface_fit import (
+    LocalDeviation,
+    coarsely_fitted,
+    fitted,
+    local_deviation,
+    slid,
+    spread_distances,
+)
 
 COPY_SPECTRAL, COPY_RADIUS = 0.1, 0.025
 """Largest spectral distance, and largest difference of the ratios of root mean square radius to root of the
@@ -41,9 +49,13 @@ TRIES = 3
 """Largest number of fitted alignments of one sign: a nearly symmetric part has several."""
 
 LOCAL, FITTED, COPIED = 0.5, 0.6, 0.01
-"""Largest shares of the probes that deviate: at the local difference of a variant; after a coarse fit that is
-refined to a variant; and after one that is refined to a copy. The best coarse fits of 143 copies, of machine
-parts and scans, left no probe that deviates."""
+"""Largest share of the area that deviates at the local difference of a variant; and largest shares of the
+probes that deviate after a coarse fit that is refined to a variant, and after one that is refined to a copy.
+The best coarse fits of 143 copies, of machine parts and scans, left no probe that deviates."""
+
+CLOSE = 0.9
+"""Share of the area of either surface that is within `NEAR` of the other, above which more may deviate after
+a coarse fit: both sides of a plate of another thickness do."""
 
 
 DRAWN = 0.1
@@ -206,16 +218,24 @@ def _registered(
     first: ProbedSurface, second: ProbedSurface, pairs: tuple[Floats, Floats], *, variants: bool
 ) -> RigidCopy | None:
     variant, least = None, np.inf
-    for sign, most in ((1, FITTED if variants else COPIED), (-1, COPIED)):
+    for sign, most, seeks_variants in ((1, FITTED if variants else COPIED, variants), (-1, COPIED, False)):
         fits = _coarse_fits(first, second, pairs, sign)
         # A reflection is refined only if it leaves no more deviating points than the rotation, or none.
-        if not fits or fits[0].deviating > min(most, least):
+        if not fits:
+            continue
+        if fits[0].deviating > min(most, least) and not (
+            seeks_variants and _are_close(first, second, fits[0].motion)
+        ):
             continue
         least = fits[0].deviating
         # A local difference draws a coarse fit: only fine ones tell which alignment leaves the least of it.
         near = [fit for fit in fits if fit.deviating <= least + DRAWN] if least > COPIED else fits[:1]
         motions = [fitted(first, second, fit.motion) for fit in near]
-        judged = [(local_deviation(first, second, motion), motion) for motion in motions]
+        judged = _judged(first, second, motions)
+        nearest = min(judged, key=lambda fit: fit[0].rms)
+        if seeks_variants and not _is_local(nearest[0]) and _are_close(first, second, nearest[1]):
+            starts = slid(first, second, nearest[1])
+            judged += _judged(first, second, [fitted(first, second, start) for start in starts])
         deviation, motion = min(
             judged, key=lambda fit: (not fit[0].within, not _is_local(fit[0]), fit[0].rms)
         )
@@ -224,7 +244,7 @@ def _registered(
             mirrored = sign < 0 and not (_is_achiral(first) or _is_achiral(second))
             placing = _placing(first, second, motion)
             return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms, placing=placing)
-        if variants and sign > 0 and _is_local(deviation):
+        if seeks_variants and _is_local(deviation):
             difference = _difference(first, second, motion, deviation)
             variant = RigidCopy(
                 scale,
@@ -234,6 +254,18 @@ def _registered(
                 placing=_placing(first, second, motion),
             )
     return variant
+
+
+def _judged(
+    first: ProbedSurface, second: ProbedSurface, motions: Iterable[Similarity]
+) -> list[tuple[LocalDeviation, Similarity]]:
+    """Return the deviation under each of some transforms."""
+    return [(local_deviation(first, second, motion), motion) for motion in motions]
+
+
+def _are_close(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> bool:
+    """Return whether nearly all of either surface is near the other."""
+    return all((gaps <= NEAR).mean() >= CLOSE for gaps in spread_distances(first, second, motion))
 
 
 def _is_local(deviation: LocalDeviation) -> bool:

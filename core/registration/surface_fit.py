@@ -80,6 +80,28 @@ def fitted(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> S
     return motion
 
 
+def slid(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> list[Similarity]:
+    """Return transforms that slide the first surface either way until sides that are apart coincide.
+
+    Of a thicker plate one side coincides then, and not both half.
+    """
+    points, normals = first.points[-SPREAD:], first.normals[-SPREAD:] @ motion.rotation.T
+    moved = motion.apply(points)
+    shares, faces = second.curved.closest(moved)
+    targets, _, errors = second.curved.at(shares, faces)
+    gaps = np.einsum("nx,nx->n", targets - moved, normals)
+    far = np.abs(gaps) > PRECISION + FARTHEST * (first.errors[-SPREAD:] + errors)
+    if not far.any():
+        return []
+    gaps, normals = gaps[far], normals[far]
+    axis = np.linalg.eigh((normals * np.abs(gaps)[:, None]).T @ normals)[1][:, -1]
+    along = np.abs(normals @ axis) > CREASE
+    if not along.any():
+        return []
+    step = float(np.median(np.abs(gaps[along]))) * axis
+    return [Similarity(motion.scale, motion.rotation, motion.shift + way * step) for way in (1.0, -1.0)]
+
+
 def _stepped(
     first: ProbedSurface, second: ProbedSurface, motion: Similarity, stride: int, width: float, faces: _Faces
 ) -> tuple[Similarity, _Faces, float, float]:
@@ -144,7 +166,7 @@ class LocalDeviation:
     largest : float
         The largest distance between the surfaces, in both directions, in units of the root of the area.
     share : float
-        Share of the probes that deviate.
+        Share of the area that deviates, on both surfaces together.
     residual : float
         Root mean square distance of the probes that do not deviate.
     rms : float
@@ -176,7 +198,7 @@ def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similar
     return LocalDeviation(
         within=bool(worst <= 1.0 and not regions.any()),
         largest=float(gaps[order[0]] if len(order) else gaps.max()),
-        share=float(far.mean()),
+        share=float(np.concatenate([far[: len(ahead)][-SPREAD:], far[-SPREAD:]]).mean()),
         residual=float(np.sqrt((gaps[~far] ** 2).mean())) if not far.all() else float(gaps.max()),
         rms=float(np.sqrt(0.5 * (ahead[-SPREAD:] ** 2).mean() + 0.5 * (behind[-SPREAD:] ** 2).mean())),
         points=points[order],
@@ -207,6 +229,17 @@ def distances_to(
     along = np.abs(np.einsum("nx,nx->n", targets - moved, turned))
     places = np.where(beyond | (on_edge & second.curved.at_rim[sides]), np.minimum(along, gaps), gaps)
     return gaps, places, errors + other_errors
+
+
+def spread_distances(
+    first: ProbedSurface, second: ProbedSurface, motion: Similarity
+) -> tuple[Floats, Floats]:
+    """Return the distances of the points spread over either surface, all in the unit of the second."""
+    ahead, back = (
+        distances_to(other, one.points[-SPREAD:], one.normals[-SPREAD:], one.errors[-SPREAD:], transform)[0]
+        for one, other, transform in ((first, second, motion), (second, first, motion.inverse))
+    )
+    return ahead, back * motion.scale
 
 
 def deviating_regions(first: ProbedSurface, places: Floats, spans: Floats) -> NDArray[np.bool_]:

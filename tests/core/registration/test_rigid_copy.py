@@ -37,7 +37,7 @@ from tests.gallery import make_body
 from tests.studies.copies import moved, quartered, simplified
 from tests.studies.likeness import part as chiral_part
 from tests.studies.likeness import screw
-from tests.studies.machine_parts import LONGER, Change, Drawing, Family, mesh_of, part
+from tests.studies.machine_parts import LONGER, Change, Drawing, Family, extruded, mesh_of, part
 
 PIPELINE = Pipeline()
 UNCOMPARED = Similarity(1.0, np.eye(3), np.zeros(3))
@@ -318,6 +318,30 @@ def test_a_longer_part_differs_by_what_it_is_longer(family: Family) -> None:
     changes = np.subtract(*found.difference.sides[::-1])
     assert sorted(np.abs(changes)) == pytest.approx([0.0, 0.0, LONGER], abs=0.02)
     assert found.difference.distance <= LONGER + 0.02
+
+
+@pytest.mark.parametrize("kinds", [("plain", "plain"), ("plain", "quartered"), ("fine", "quartered")])
+@pytest.mark.parametrize("thickness", [6.0, 4.0])
+def test_a_plate_of_another_thickness_is_a_variant_on_every_mesh(
+    kinds: tuple[str, str], thickness: float
+) -> None:
+    surfaces = []
+    for kind, thick in zip(kinds, (5.0, thickness), strict=True):
+        drawing = Drawing(1, 0.01 if kind == "fine" else 0.1)
+        body = extruded([(0.0, 0.0), (100.0, 0.0), (100.0, 60.0), (0.0, 60.0)], thick)
+        plate = mesh_of(
+            drawing.drilled(body, [(15.0, 15.0, 4.0), (80.0, 12.0, 5.0), (25.0, 46.0, 6.0)], thick)
+        )
+        surfaces.append(
+            probed_surface(moved(quartered(quartered(plate)) if kind == "quartered" else plate, 3))
+        )
+    starts = [one.samples.representatives * one.samples.unit + one.samples.centre for one in surfaces]
+    found = copy_by_surfaces(*surfaces, (starts[0], starts[1]))
+    assert found is not None
+    assert found.difference is not None
+    assert found.difference.distance == pytest.approx(1.0, abs=0.03)
+    sides = [[100.0, 60.0, 5.0], [100.0, 60.0, thickness]]
+    assert np.abs(np.subtract(found.difference.sides, sides)).max() <= 0.01
 
 
 def test_a_variant_says_where_it_differs_and_how_much() -> None:
