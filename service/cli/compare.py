@@ -120,6 +120,7 @@ def duplicates_command(
         list[str] | None, typer.Option(help="Search only shapes with this tag; repeatable.")
     ] = None,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print one row for each shape, as CSV.")] = False,
+    xlsx: Annotated[Path | None, typer.Option(help="Write the same rows to this workbook.")] = None,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
@@ -149,6 +150,8 @@ def duplicates_command(
                 bar.update(task, completed=total - answer.unjudged)
     if answer.unjudged:
         say(f"{answer.unjudged} shapes cannot be judged now: the groups may be incomplete")
+    if xlsx is not None:
+        xlsx.write_bytes(answer.xlsx())
     if as_csv:
         typer.echo(answer.csv().replace("\r\n", "\n"), nl=False)
     else:

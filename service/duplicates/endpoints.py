@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import Field
+from starlette.concurrency import run_in_threadpool
 
 from core.registration.similarity import RESIDUAL
 from service.collections.endpoints import InCollection, NamedInAddress
@@ -19,7 +20,7 @@ from service.pipelines.active import ActivePipeline
 from service.search.answer import with_active_pipeline
 from service.shapes.schemas import Filters
 
-MEDIA_TYPE = "text/csv"
+CSV, XLSX = "text/csv", "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 
 JUDGING_PROBLEMS = (
     *("busy", "shutting-down", "worker-lost", "cluster-unavailable", "time-limit", "pipeline-unavailable"),
@@ -52,7 +53,9 @@ class DuplicatesOptions(NamedInAddress, Filters):
     decided: bool = Field(
         default=False, description="Also show shapes that are decided (POST /duplicates/decisions)."
     )
-    format: Literal["json", "csv"] = Field(default="json", description="csv: one row for each shape.")
+    format: Literal["json", "csv", "xlsx"] = Field(
+        default="json", description="csv or xlsx: one row for each shape."
+    )
 
 
 @router.get(
@@ -63,7 +66,10 @@ class DuplicatesOptions(NamedInAddress, Filters):
     responses={
         200: {
             "description": "The groups.",
-            "content": {MEDIA_TYPE: {"schema": {"type": "string", "contentMediaType": MEDIA_TYPE}}},
+            "content": {
+                media_type: {"schema": {"type": "string", "contentMediaType": media_type}}
+                for media_type in (CSV, XLSX)
+            },
         },
         **documented(*JUDGING_PROBLEMS, *READ_PROBLEMS),
     },
@@ -92,5 +98,7 @@ async def duplicates(
     async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, find_groups))
     if options.format == "csv":
-        return Response(answer.csv(), media_type=MEDIA_TYPE)
+        return Response(answer.csv(), media_type=CSV)
+    if options.format == "xlsx":
+        return Response(await run_in_threadpool(answer.xlsx), media_type=XLSX)
     return answer

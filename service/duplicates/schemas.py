@@ -1,7 +1,8 @@
-"""JSON and CSV models of groups of near-identical shapes."""
+"""JSON, CSV and workbooks of groups of near-identical shapes."""
 
 import csv
 import io
+from collections.abc import Iterator
 
 from pydantic import BaseModel, Field
 
@@ -72,21 +73,37 @@ class DuplicatesAnswer(BaseModel):
     )
     milliseconds: dict[str, float] = Field(description="The time of each stage.")
 
+    def rows(self) -> Iterator[tuple[str | int | float | None, ...]]:
+        """Yield `COLUMNS`, and the cells of each shape of a group, with groups numbered from 1."""
+        yield COLUMNS
+        for number, group in enumerate(self.groups, 1):
+            for duplicate in group:
+                text = "" if duplicate.difference is None else duplicate.difference.text
+                numbers = float(f"{duplicate.scale:.6g}"), duplicate.cc, duplicate.residual
+                last = text, duplicate.compared_with, duplicate.decision
+                yield number, duplicate.shape.id, duplicate.shape.name, duplicate.likeness, *numbers, *last
+
     def csv(self) -> str:
-        """Return a header, and a row for each shape of a group, with groups numbered from 1 (RFC 4180).
+        """Return the rows in the form of RFC 4180.
 
         An apostrophe precedes a name that a spreadsheet would take for a formula.
         """
         table = io.StringIO()
-        rows = csv.writer(table)
-        rows.writerow(COLUMNS)
-        for number, group in enumerate(self.groups, 1):
-            for duplicate in group:
-                shape, scale = duplicate.shape, f"{duplicate.scale:.6g}"
-                name = without_formula(shape.name)
-                text = "" if duplicate.difference is None else duplicate.difference.text
-                cells = duplicate.likeness, scale, duplicate.cc, duplicate.residual
-                rows.writerow(
-                    [number, shape.id, name, *cells, text, duplicate.compared_with, duplicate.decision]
-                )
+        csv.writer(table).writerows(
+            [without_formula(cell) if isinstance(cell, str) else cell for cell in row] for row in self.rows()
+        )
         return table.getvalue()
+
+    def xlsx(self) -> bytes:
+        """Return the rows as a workbook of Office Open XML, of which no cell is a formula or a link."""
+        # Few services write a workbook, and each process would hold the library.
+        import xlsxwriter  # noqa: PLC0415
+
+        file = io.BytesIO()
+        plain = {"in_memory": True, "strings_to_formulas": False, "strings_to_urls": False}
+        with xlsxwriter.Workbook(file, plain) as workbook:
+            sheet = workbook.add_worksheet("duplicates")
+            sheet.freeze_panes(1, 0)
+            for number, row in enumerate(self.rows()):
+                sheet.write_row(number, 0, row)
+        return file.getvalue()

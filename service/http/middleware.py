@@ -67,7 +67,7 @@ def client_of(scope: Scope) -> str:
 HEADER = "X-Request-ID"
 
 # Answers that change with what is stored, and may be for one key only.
-_PRIVATE = ("application/json", "application/problem+json", "text/csv")
+_PRIVATE = ("application/json", "application/problem+json", "text/csv", "application/vnd.")
 # Answers without any work: too many of them would be work.
 REFUSALS = frozenset(
     {"body-too-large", "busy", "cross-site", "forbidden", "misdirected-request", "rate-limit", "unauthorized"}

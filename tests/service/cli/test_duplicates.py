@@ -3,6 +3,8 @@
 import csv
 import io
 from itertools import pairwise
+from pathlib import Path
+from zipfile import is_zipfile
 
 import pytest
 
@@ -20,7 +22,7 @@ from tests.studies.copies import moved
 from tests.studies.machine_parts import Drawing, part
 
 
-def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
+def test_a_larger_copy_and_another_shape(archive: Client, run: Run, tmp_path: Path) -> None:
     cup = make_shape("cup", 0)
     archive.upload(("a cup.off", mesh_bytes("cup", 0)), tags=["first"])
     archive.upload(("octopus.off", mesh_bytes("octopus", 0)))
@@ -42,6 +44,9 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run) -> None:
         ("a cup.off", "same"),
         ("larger.off", "scaled"),
     ]
+    file = tmp_path / "copies.xlsx"
+    assert run("duplicates", "--scaled", "--xlsx", file, "--url", archive.url).status == 0
+    assert is_zipfile(file)
     few = run("duplicates", "--scaled", "--tag", "first", "--csv", "--url", archive.url)
     assert few.stdout == alone.stdout
 

@@ -3,9 +3,11 @@
 import csv
 import io
 import time
+import zipfile
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from sqlalchemy import delete
@@ -20,6 +22,7 @@ from core.parameters import Parameters
 from core.registration.similarity import RESIDUAL
 from service.client import Client
 from service.compute import tasks
+from service.duplicates.endpoints import XLSX
 from service.duplicates.groups import Counted, Groups, Link
 from service.duplicates.schemas import COLUMNS, FORMULA, Duplicate, DuplicatesAnswer
 from service.search import scoring
@@ -118,6 +121,39 @@ def test_no_cell_is_a_formula() -> None:
     answer = DuplicatesAnswer(groups=[group], shapes=len(names), compared=0, aligned=0, milliseconds={})
     rows = csv.DictReader(io.StringIO(answer.csv(), newline=""))
     assert [row["name"] for row in rows] == [*(f"'{name}" for name in names[:-1]), names[-1]]
+
+
+def test_a_workbook_has_the_rows_of_the_csv(planted: Running) -> None:
+    wanted = {"scaled": True, "format": "xlsx"}
+    answer = planted.client.get("/duplicates", params=wanted)
+    assert (answer.headers["content-type"], answer.headers["cache-control"]) == (XLSX, "no-store")
+    shape = Shape.model_validate({**SHAPE, "name": "=1+2"})
+    named = Duplicate(shape=shape, likeness="same", scale=0.5, cc=1.0, residual=0.0, decision="different")
+    made = DuplicatesAnswer(groups=[[named]], shapes=1, compared=0, aligned=0, milliseconds={})
+    cells = ["1", shape.id, "=1+2", "same", "0.5", "1", "0", "", "different"]
+    assert cells_of(made.xlsx()) == [list(COLUMNS), cells[:7] + cells[8:]]
+    rows = csv.reader(io.StringIO(planted.client.get("/duplicates", params={**wanted, "format": "csv"}).text))
+    texts = [[cell for cell in row if cell] for row in rows]
+    for row, other in zip(cells_of(answer.content), texts, strict=True):
+        assert row[:4] == other[:4]
+
+
+def cells_of(workbook: bytes) -> list[list[str]]:
+    """The cells of a workbook that are not empty, as ECMA-376 has them. No cell is a formula."""
+    main = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+    with zipfile.ZipFile(io.BytesIO(workbook)) as parts:
+        strings = ElementTree.fromstring(parts.read("xl/sharedStrings.xml"))
+        sheet = ElementTree.fromstring(parts.read("xl/worksheets/sheet1.xml"))
+    texts = [string.findtext(f"{main}t", "") for string in strings]
+    assert sheet.find(f".//{main}f") is None
+    return [
+        [
+            texts[int(value)] if cell.get("t") == "s" else value
+            for cell in row
+            if (value := cell.findtext(f"{main}v"))
+        ]
+        for row in sheet.iter(f"{main}row")
+    ]
 
 
 def test_the_work_of_a_client_that_goes_away_is_stopped(
