@@ -145,7 +145,8 @@ def cascade_rows(
     """Measure each choice of stage lengths against exhaustive search, which is the last row.
 
     Queries are originals among `ids`; the answers exclude their copies. A length of None is all shapes.
-    `same_first` is the share of queries with the same first result as exhaustive search, `first_of_class` and
+    `same_first` is the share of queries with the same first result as exhaustive search, `recall_3` and
+    `recall_10` the shares of its first results that are among as many here, `first_of_class` and
     `ten_of_class` the share of first results, and of the first ten, of the query's class.
     """
     size = len(ids)
@@ -178,9 +179,19 @@ def cascade_rows(
         same = [results[0] == best[0] for results, best in zip(answers, exhaustive, strict=True)]
         row: dict[str, Any] = {"ranked_by": rank_by, "shapes": size, "queries": len(asked)}
         row |= zip(("shortlist", "reranked", "in_full"), length or (None, None, None), strict=True)
-        row |= {"same_first": fmean(same), "first_of_class": fmean(each[0] for each in right)}
+        row |= {"same_first": fmean(same), "recall_3": _recall(answers, exhaustive, 3)}
+        row |= {"recall_10": _recall(answers, exhaustive, 10)}
+        row |= {"first_of_class": fmean(each[0] for each in right)}
         rows.append(row | {"ten_of_class": fmean(map(fmean, right)), "median_ms": median_ms})
     return rows
+
+
+def _recall(answers: Sequence[list[str]], exhaustive: Sequence[list[str]], count: int) -> float:
+    """Return the mean share of the first `count` results of exhaustive search among as many answered."""
+    return fmean(
+        len(set(results[:count]) & set(best[:count])) / len(best[:count])
+        for results, best in zip(answers, exhaustive, strict=True)
+    )
 
 
 def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[dict[str, Any]]:
@@ -259,15 +270,17 @@ def _measured(url: str, ids: Sequence[str], queries: int, *, exhaustive: bool) -
     """Measure the queries of one archive, the first apart.
 
     `compared` is the number of shapes that the last query compared in full, `start_s` from the start of the
-    process until it is ready, and `memory_mib` of the main process at the end. The service reports the
-    stages.
+    process until it is ready. `processor_ms` is the processor time of the main process for a query, the mean,
+    and `memory_mib` its memory at the end. The service reports the stages.
     """
     began = perf_counter()
     with served(url) as (service, client):
         start = perf_counter() - began
         wait_until_idle(service)
-        times, stages, compared = [], [], 0
+        times, stages, compared, used = [], [], 0, 0.0
         for number in range(queries + 1):
+            if number == 1:
+                used = service.processor_seconds()
             before = perf_counter()
             answer = client.query_shape(ids[number * STEP % len(ids)], exhaustive=exhaustive)
             times.append(1e3 * (perf_counter() - before))
@@ -278,6 +291,7 @@ def _measured(url: str, ids: Sequence[str], queries: int, *, exhaustive: bool) -
         p50, p95 = np.percentile(times[1:], [50, 95]).tolist()
         medians = {name: median(stage[name] for stage in stages[1:]) for name in stages[0]}
         row |= {"median_ms": p50, "p95_ms": p95, "stages_ms": medians}
+        row["processor_ms"] = 1e3 * (service.processor_seconds() - used) / queries
         return row | {"memory_mib": service.memory() / 2**20}
 
 

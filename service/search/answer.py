@@ -179,7 +179,7 @@ async def search(
     reader = batch or CandidateReader(container, active_pipeline)
     by_log_odds = rank_by in {"combined", "contextual"}
     cascade = Cascade(container, query, reader, by_log_odds=by_log_odds)
-    sized = _sized(shapes, options, query.embedding.facts.area)
+    sized = _sized(shapes, options, query)
     with timings.stage("shortlist"):
         shortlist_from = _shortlist_from(container, options)
         candidates = await run_in_threadpool(
@@ -273,11 +273,11 @@ def _shortlist_from(container: Container, options: SearchOptions) -> int | None:
     return math.ceil((PARTIAL_FACTOR if options.partial else 1.0) * container.settings.shortlist_from)
 
 
-def _sized(shapes: ShapeFilter, options: SearchOptions, area: float) -> ShapeFilter:
-    """Return the filter with the sizes that a query of some area asks for."""
+def _sized(shapes: ShapeFilter, options: SearchOptions, query: Query) -> ShapeFilter:
+    """Return the filter with the sizes that a query asks for."""
     if options.scale == "ignore":
         return shapes
-    factor = 1.0 + options.size_tolerance
+    factor, area = 1.0 + options.size_tolerance, query.embedding.facts.area
     least, greatest = area / factor**2, area * factor**2
     if shapes.area is not None:
         least, greatest = max(least, shapes.area[0]), min(greatest, shapes.area[1])

@@ -62,9 +62,10 @@ def test_queries_of_archives_made_of_the_collection(run, collection):
     for row in tables["search"]:
         assert 0.0 < row["median_ms"] <= row["p95_ms"]
         assert row["memory_mib"] > 1.0
+        assert row["processor_ms"] > 0.0
     cascades = tables["cascade"]
     assert [row["ranked_by"] for row in cascades] == ["cc", "cc", "combined", "combined"]
     for limited, everything in (cascades[:2], cascades[2:]):
         assert (limited["shortlist"], limited["reranked"], limited["in_full"]) == (6, 5, 1)
         assert everything["shortlist"] is everything["reranked"] is everything["in_full"] is None
-        assert everything["same_first"] == 1.0
+        assert everything["same_first"] == everything["recall_3"] == everything["recall_10"] == 1.0
