@@ -1,11 +1,11 @@
 """Compilation of inner loops by numba, with decorators that keep the types of functions.
 
-All functions compile in 42 s of one core, and are loaded from a cache later. Seconds of the longest, with all
+All functions compile in 43 s of one core, and are loaded from a cache later. Seconds of the longest, with all
 that they call, and how many times as long their results take in NumPy or SciPy (a mesh of 3,000 vertices):
 
     compare_many, which is all of matching                  24.1 s     130 times
+    splines of a match record                                3.7 s       8 times
     farthest points and geodesics by Dial's queue            3.1 s     830 and 7 times
-    splines of a match record                                2.7 s       7 times
     spin images                                              1.1 s      26 times
     radix sort of a million rows                             0.9 s      15 times
     areas of faces, lengths of edges, connected components   0.7 s      17, 13 and 3 times
