@@ -57,8 +57,12 @@ _WORDS = {"extra_forbidden": "there is no field or parameter of this name", "mis
 
 def fault_text(error: Mapping[str, Any]) -> str:
     """Return one of pydantic's errors in words of the service."""
-    message = error["msg"].removeprefix("Value error, ")
-    return _WORDS.get(error["type"]) or re.sub(r"^\w+ should ", "must ", message)
+    return _WORDS.get(error["type"]) or plain_text(error["msg"])
+
+
+def plain_text(message: str) -> str:
+    """Return a message of pydantic as what a value must be."""
+    return re.sub(r"^\w+ should ", "must ", message.removeprefix("Value error, "))
 
 
 class BadRequestFieldsError(ServiceError, kind="bad-request-fields"):

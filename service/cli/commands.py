@@ -16,7 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 from core.errors import CoreError
-from service.errors import ExpectedError, ServiceError
+from service.errors import ExpectedError, ServiceError, plain_text
 
 Group = Literal["Use", "Archive", "Research"]
 
@@ -81,6 +81,14 @@ class CommandGroup(TyperGroup):
     def get_command(self, ctx: "Context", cmd_name: str) -> TyperCommand | None:
         """Import a command."""
         return _imported(cmd_name) if cmd_name in self.commands else None
+
+    def invoke(self, ctx: "Context") -> object:
+        """Run a command, or tell what is wrong in its options."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = plain_text(error.message)
+            raise
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
         """Write a section a group."""

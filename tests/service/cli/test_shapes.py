@@ -64,6 +64,13 @@ def test_tags_are_added_and_removed(archive: Client, stored: dict[str, Upload], 
     assert done.status == 0
     assert [shape.tags for shape in archive.shapes()] == [["steel"], ["cup", "new"], ["cup", "new"]]
     assert run("tag", "cup.off", "--url", archive.url).status == 2
+    for option, words in (
+        ("--sort", "'size' is not one of 'relevance'"),
+        ("--limit", "must be a valid integer"),
+    ):
+        wrong = run("list", option, "size")
+        assert wrong.status == 2
+        assert f"Invalid value for '{option}': {words}" in wrong.stderr
 
 
 def test_shapes_are_tagged_by_a_filter(archive: Client, stored: dict[str, Upload], run: Run) -> None:
