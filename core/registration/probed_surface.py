@@ -31,6 +31,8 @@ class ProbedSurface:
     ----------
     samples : SurfaceSamples
     curved : CurvedSurface
+    corners : int64, shape (v,)
+        For each vertex, the corner at it of the triangle with the largest chord error.
     shares : float64, shape (n, 3)
         Barycentric coordinates of the probes: vertices, points of sharp edges, points spread by area.
     faces : int64, shape (n,)
@@ -49,6 +51,7 @@ class ProbedSurface:
 
     samples: SurfaceSamples
     curved: CurvedSurface
+    corners: Ints
     shares: Floats
     faces: Ints
     points: Floats
@@ -79,7 +82,7 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
     # As the points of an edge, a vertex belongs to the triangle with the largest chord error.
     rising = np.argsort(np.repeat(curved.chord, 3), kind="stable")
     corners[curved.corner_vertices[rising]] = rising
-    corners = corners[:: max(1, -(-len(corners) // VERTICES))]
+    some = corners[:: max(1, -(-len(corners) // VERTICES))]
     along, places = _along(curved)
     middles = _some(curved.sharp, curved)
     folds = _some(curved.folds, curved)
@@ -91,15 +94,16 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
     on_sides[rows, (sides + 1) % 3] = places
     areas = np.linalg.norm(face_normals(curved.corners, unit=False), axis=1)
     spread, spread_faces = evenly_spread_shares(areas, SPREAD)
-    shares = np.concatenate([np.eye(3)[corners % 3], on_sides, spread])
-    faces = np.concatenate([corners // 3, sides // 3, spread_faces])
+    shares = np.concatenate([np.eye(3)[some % 3], on_sides, spread])
+    faces = np.concatenate([some // 3, sides // 3, spread_faces])
     points, normals, errors = curved.at(shares, faces)
-    start = len(corners)
+    start = len(some)
     on_rims = np.arange(start, start + len(along))
     after = np.arange(start + len(sides), len(faces))
     return ProbedSurface(
         samples=samples,
         curved=curved,
+        corners=corners,
         shares=shares,
         faces=faces,
         points=points,

@@ -6,8 +6,8 @@ errors give, and far pairs hardly count (the weights of S. Geman and D. McClure,
 V. Koltun, "Fast global registration", ECCV 2016), so that a local difference does not pull.
 
 Two tessellations of one surface differ by their chord errors. A deviation beyond these errors, after the fit,
-is a difference of the surfaces: of a few probes, or, smaller, of a whole smooth region such as the wall of a
-hole.
+is a difference of the surfaces: of a few probes, of vertices side by side, or, smaller, of a whole smooth
+region such as the wall of a hole.
 """
 
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Floats, Ints
+from core.mesh.edges import component_labels
 from core.registration.curved_surface import CREASE, ON_EDGE
 from core.registration.probed_surface import SPREAD, ProbedSurface
 from core.registration.similarity import Similarity
@@ -46,8 +47,9 @@ DAMPING = 1e-9
 """Relative damping, for surfaces that a motion leaves as they are."""
 
 OUTLIERS = 6
-"""Rank of the deviation that counts as the largest: few probes may lie on flaws of a mesh. Each smooth region
-has more, whose mean deviation counts."""
+"""Rank of the deviation that counts as the largest, and least number of vertices side by side that deviate
+where few probes lie: a few may lie on flaws of a mesh. Each smooth region has more, whose mean deviation
+counts."""
 
 REGION_PROBES = 6
 """Least number of probes of a region whose mean deviation counts."""
@@ -195,14 +197,39 @@ def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similar
     far = regions | (excess > 1.0)
     order = np.flatnonzero(far)[np.argsort(-gaps[far], kind="stable")]
     worst = np.partition(excess, -OUTLIERS)[-OUTLIERS]
+    within, largest, points = bool(worst <= 1.0 and not regions.any()), gaps.max(), points[order]
+    if len(order):
+        largest = gaps[order[0]]
+    if within:
+        patches = _patch(first, second, motion), _patch(second, first, back)
+        found = np.concatenate([patches[0][0], patches[1][0]])
+        if len(found):
+            order = np.argsort(-found, kind="stable")
+            within, largest = False, found[order[0]]
+            points = np.concatenate([patches[0][1], back.apply(patches[1][1])])[order]
     return LocalDeviation(
-        within=bool(worst <= 1.0 and not regions.any()),
-        largest=float(gaps[order[0]] if len(order) else gaps.max()),
+        within=within,
+        largest=float(largest),
         share=float(np.concatenate([far[: len(ahead)][-SPREAD:], far[-SPREAD:]]).mean()),
         residual=float(np.sqrt((gaps[~far] ** 2).mean())) if not far.all() else float(gaps.max()),
         rms=float(np.sqrt(0.5 * (ahead[-SPREAD:] ** 2).mean() + 0.5 * (behind[-SPREAD:] ** 2).mean())),
-        points=points[order],
+        points=points,
     )
+
+
+def _patch(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> tuple[Floats, Floats]:
+    """Return distances of the vertices of the first surface that deviate side by side, and their points."""
+    curved = first.curved
+    points, normals, errors = curved.at(np.eye(3)[first.corners % 3], first.corners // 3)
+    gaps, _, spans = distances_to(second, points, normals, errors, motion)
+    far = gaps > PRECISION + FARTHEST * spans
+    if far.sum() < OUTLIERS:
+        return np.empty(0), np.empty((0, 3))
+    faces = curved.corner_vertices.reshape(-1, 3)
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, patches = component_labels(len(points), sides[far[sides].all(axis=1)])
+    chosen = far & (np.bincount(patches[far], minlength=len(points))[patches] >= OUTLIERS)
+    return gaps[chosen], points[chosen]
 
 
 def distances_to(

@@ -11,7 +11,7 @@ import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
 from service.collection import is_name
-from service.duplicates.decision_schemas import DecisionPage
+from service.duplicates.decision_schemas import DecisionPage, MergePage
 from service.errors import ExpectedError
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
 from service.jobs.schemas import JobFilePage, JobPage
@@ -29,7 +29,7 @@ T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
 PageModel = TypeVar(
-    "PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage, DecisionPage
+    "PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage, DecisionPage, MergePage
 )
 
 LONGEST_PAGE = 500

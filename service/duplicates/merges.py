@@ -109,12 +109,14 @@ async def merge_groups(
             try:
                 records = [shapes_service.get(session, collection, each) for each in ids]
                 if _differ(records, decided):
-                    unmerged.append(LeftGroup(shapes=ids, reason="two of its shapes are decided to differ"))
+                    unmerged.append(
+                        LeftGroup(shapes=list(ids), reason="two of its shapes are decided to differ")
+                    )
                     continue
                 _merged(session, collection, records, keep, undo, act)
                 sizes.append(len(ids))
             except (BadRequestFieldsError, ShapeNotFoundError) as error:
-                unmerged.append(LeftGroup(shapes=ids, reason=str(error)))
+                unmerged.append(LeftGroup(shapes=list(ids), reason=str(error)))
         return sizes, unmerged
 
     for start in range(0, len(groups), AT_ONCE):

@@ -273,8 +273,7 @@ def even(kind: str, level: int) -> Mesh:
     ("kind", "level", "height", "width"),
     [
         ("sphere", 3, 4.0, 25.0),
-        ("sphere", 4, -3.0, 12.0),
-        ("ellipsoid", 4, 2.0, 20.0),
+        ("ellipsoid", 5, 1.0, 4.0),
         ("torus", 3, -2.0, 35.0),
     ],
 )
@@ -295,7 +294,6 @@ def test_a_smooth_bump_or_dent_on_an_even_mesh_makes_a_variant(
     assert found.difference is not None
     assert found.scale == pytest.approx(2.0, rel=1e-3)
     assert found.difference.distance == pytest.approx(abs(height), rel=0.1)
-    assert copy_by_surfaces(*surfaces, (starts[0], starts[1]), variants=False) is None
 
 
 def test_a_hole_of_a_hundredth_of_the_length_makes_a_variant() -> None:
