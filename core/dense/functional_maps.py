@@ -294,8 +294,8 @@ def functional_map(
     reverses = oriented & (signs < 0.0)
     chosen = _chosen(fits, costs, reverses, (some[0].areas, some[1].areas), by_cost=held is not None)
     most = costs[chosen] + FITS_AS_WELL + SCATTER * max(costs[chosen] - UNLIKE, 0.0)
-    # Where orientation is unclear, it does not tell maps apart.
-    unclear = np.abs(agreements) < CLEAR
+    # Orientation that is unclear though maps fit, as of a snake, does not tell them apart.
+    unclear = (np.abs(agreements) < CLEAR) & (costs <= UNLIKE)
     fits_too = ((reverses == reverses[chosen]) | (unclear & unclear[chosen])) & (costs <= most)
     order = np.argsort(costs, kind="stable")
     count = len(_different(*some, [maps[which] for which in order if fits_too[which]]))
