@@ -70,7 +70,7 @@ LEAST_TO_START, EACH, MOST_HELD = 3, 0.01, 0.5
 HOLDING, BIHARMONIC = 300.0, 30
 """Weight of the distance of landmarks beside the residual, and the functions of biharmonic distances."""
 
-FITS_AS_WELL, SCATTER, UNLIKE = 5.0, 0.06, 20.0
+FITS_AS_WELL, SCATTER, UNLIKE = 4.5, 0.06, 20.0
 """Largest difference of the costs of maps that fit about equally well, how much it grows with the cost of the
 best map, and the cost above which it grows. Between poses, of cost -50 to 0, the maps of octopus, pliers and
 snake differ by 0 to 4; between unlike octopuses, of cost 100, by 7; wrong maps of bodies by 10 and more."""
