@@ -99,16 +99,18 @@ def relevances(query: str, *, by_paths: bool) -> Subquery:
     values = _Values()
     least = IN_PATH if by_paths else IN_PATH + 1
     terms = terms_of(query)
-    gathered = [term for term in terms if not term.is_exact]
+    common = [term for term in terms if term.required and term.is_common]
+    if common and len(common) == sum(term.required for term in terms):
+        common.remove(max(common, key=lambda term: len(term.word)))
+    gathered = [term for term in terms if term not in common]
     required = sum(term.required for term in gathered)
     of_terms = " UNION ALL ".join(_of_term(term, least, values) for term in gathered)
     statement = f"""
         SELECT shape_number, sum(points) AS points
         FROM ({of_terms or _NOTHING}) AS of_terms
         GROUP BY shape_number HAVING sum(required) = {required}"""
-    for term in terms:
-        if term.is_exact:
-            statement = _having(statement, term, least, values)
+    for term in common:
+        statement = _having(statement, term, least, values)
     columns = {"shape_number": Integer, "points": Integer}
     return text(statement).bindparams(**values).columns(**columns).subquery()
 
@@ -131,11 +133,19 @@ class _Values(dict[str, str]):
 
 
 def _having(shapes: str, term: Term, least: int, values: _Values) -> str:
-    """Return a query of those of some shapes that have an exact term, with its points added.
+    """Return a query of those of some shapes that have a common term, with its points added.
 
-    Single letters and numbers, as of sizes, are the words that most shapes have: they are looked up for the
-    shapes that the other terms leave. SQLite keeps the order of the tables of a CROSS JOIN.
+    Single letters, numbers and units, as of sizes, are the words that most shapes have: they are looked up
+    for the shapes that the other terms leave. SQLite keeps the order of the tables of a CROSS JOIN.
     """
+    if term.begins:
+        return f"""
+            SELECT of_others.shape_number, max(of_others.points + shape_words.weight *
+                CASE words.word WHEN {values.name(term.word)} THEN {EXACT} ELSE {BEGINNING} END) AS points
+            FROM ({shapes}) AS of_others CROSS JOIN shape_words CROSS JOIN words
+            WHERE shape_words.shape_number = of_others.shape_number AND shape_words.weight >= {least}
+            AND words.number = shape_words.word_number AND {_begins("words.word", term.word, values)}
+            GROUP BY of_others.shape_number"""
     return f"""
         SELECT of_others.shape_number, of_others.points + {EXACT} * shape_words.weight AS points
         FROM ({shapes}) AS of_others CROSS JOIN shape_words

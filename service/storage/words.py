@@ -126,9 +126,9 @@ class Term:
     begins: bool
 
     @property
-    def is_exact(self) -> bool:
-        """Whether only the word itself counts as the term."""
-        return not (self.begins or self.inside or self.misspelt)
+    def is_common(self) -> bool:
+        """Whether so many words or shapes may have the term that it is looked up for few shapes only."""
+        return not self.begins or len(self.word) <= (1 if self.word.isdecimal() else 2)
 
     @property
     def inside(self) -> bool:
