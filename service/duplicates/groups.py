@@ -142,7 +142,7 @@ def _neighbour(member: GroupMember, link: Link) -> GroupMember:
     mirrored = member.mirrored != link.mirrored
     difference, compared_with = member.difference, member.compared_with
     if link.difference is not None:
-        difference = LocalDifference.model_validate(link.difference)
+        difference = LocalDifference.model_validate({**link.difference, "scale": link.scale})
         difference, compared_with = difference if forward else difference.reverse(), member.shape
     return GroupMember(
         shape=link.second if forward else link.first,

@@ -104,7 +104,9 @@ async def relation_of(
         part=found is not None,
         pose=posed,
     )
-    difference = copy and copy.difference and LocalDifference.model_validate(copy.difference)
+    difference = None
+    if copy is not None and copy.difference is not None:
+        difference = LocalDifference.model_validate(copy.difference).model_copy(update={"scale": copy.scale})
     transform = copy and copy.placing.matrix.tolist()
     return {
         "likeness": kind,

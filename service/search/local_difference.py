@@ -4,6 +4,8 @@ import math
 
 from pydantic import BaseModel, ConfigDict, Field, computed_field
 
+from core.ranking.likeness import copy_likeness
+
 Coordinates = tuple[float, float, float]
 
 SIDES = ("length", "width", "height")
@@ -23,6 +25,10 @@ class LocalDifference(BaseModel):
 
     model_config = ConfigDict(from_attributes=True)
 
+    scale: float = Field(
+        default=1.0,
+        description="The size of the second over that of the first; both are compared in one size.",
+    )
     point: Coordinates = Field(description="Where they are farthest apart, in the first shape's coordinates.")
     low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
     high: Coordinates = Field(description="The corner of largest coordinates of this box.")
@@ -57,13 +63,16 @@ class LocalDifference(BaseModel):
         changes = self._holes() + self._lengths() or [
             f"surfaces up to {_rounded(self.distance, digits)} apart"
         ]
-        return f"{', '.join(changes)}, at ({place}), in a box of {box}; {more}"
+        scaled = copy_likeness(self.scale, mirrored=False) == "scaled"
+        begin = "at equal size: " if scaled else ""
+        return f"{begin}{', '.join(changes)}, at ({place}), in a box of {box}; {more}"
 
     def reverse(self) -> "LocalDifference":
         """Return how the first differs from the second, in the coordinates of the first."""
         holes, (ours, theirs) = self.through_holes, self.sides
         return self.model_copy(
             update={
+                "scale": 1.0 / self.scale,
                 "sides": (theirs, ours),
                 "volume": self.volume and 1.0 / self.volume,
                 "area": 1.0 / self.area,

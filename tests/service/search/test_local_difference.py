@@ -58,7 +58,13 @@ def test_the_reverse_of_a_difference_has_the_other_words() -> None:
 
 def test_the_difference_follows_the_likeness_and_the_size() -> None:
     assert likeness_in_words("variant", 1.01, HOLE) == f"Variant: {HOLE.text}"
-    assert likeness_in_words("variant", 1.5, HOLE) == f"Variant, 1.5 times as large: {HOLE.text}"
+    larger = HOLE.model_copy(update={"scale": 1.5})
+    assert (
+        likeness_in_words("variant", 1.5, larger)
+        == f"Variant, 1.5 times as large: at equal size: {HOLE.text}"
+    )
+    assert larger.reverse().scale == 1 / 1.5
+    assert larger.reverse().text == f"at equal size: {HOLE.reverse().text}"
 
 
 LENGTH, DEPTH, THICK, RADIUS = 60.0, 40.0, 6.0, 4.0
@@ -74,13 +80,16 @@ def plate(holes: list[tuple[float, float]], length: float = LENGTH) -> Mesh:
     return Mesh(np.array(made.vert_properties[:, :3]), made.tri_verts.astype(np.int64))
 
 
-def told(running: Running, first: Mesh, second: Mesh) -> dict:
-    """The answer of a query with the first, where the second is stored, turned and twice as large."""
+def told(running: Running, first: Mesh, second: Mesh) -> str:
+    """What a query with the first says of the second, which is stored turned and twice as large."""
     running.clear()
     running.store(write_mesh(moved(second, 3, scale=2.0), "stl"), "second.stl")
     (result,) = query(running.client, write_mesh(first, "stl"), "first.stl").json()["results"]
     assert result["likeness"] == "variant"
-    return dict(result)
+    assert result["difference"]["scale"] == result["scale"] == pytest.approx(2.0, abs=1e-4)
+    begin, _, text = result["difference"]["text"].partition(": ")
+    assert begin == "at equal size"
+    return str(text)
 
 
 def numbers(text: str) -> list[float]:
@@ -90,8 +99,7 @@ def numbers(text: str) -> list[float]:
 @pytest.mark.parametrize("more", [False, True])
 def test_a_hole_more_or_less_is_told_where_it_is(shared: Running, more: bool) -> None:
     plates = plate(HOLES), plate([*HOLES, (10.0, 30.0)])
-    result = told(shared, *(plates if more else plates[::-1]))
-    text = result["difference"]["text"]
+    text = told(shared, *(plates if more else plates[::-1]))
     assert text.startswith(f"{3 + more} through holes instead of {4 - more}, at (")
     x, y, z, *sides, percent = numbers(text.partition(" at ")[2])
     assert (x, y, z) == pytest.approx((10.0, 30.0, 0.5 * THICK), abs=0.2)
@@ -105,14 +113,14 @@ def test_a_hole_more_or_less_is_told_where_it_is(shared: Running, more: bool) ->
 @pytest.mark.parametrize("seed", [0, 5])
 def test_a_longer_plate_is_told_by_its_length_in_any_turn(shared: Running, seed: int) -> None:
     """The first plate lies along no axis of its file."""
-    text = told(shared, moved(plate(HOLES), seed), plate(HOLES, LENGTH + 1.5))["difference"]["text"]
+    text = told(shared, moved(plate(HOLES), seed), plate(HOLES, LENGTH + 1.5))
     assert text.startswith("length 61.5 instead of 60, at (")
     area = LENGTH * DEPTH - 3 * math.pi * RADIUS**2
     assert numbers(text)[-1] == pytest.approx(100.0 * 1.5 * DEPTH / area, abs=0.06)
 
 
 def test_a_moved_hole_is_told_by_the_largest_distance(shared: Running) -> None:
-    text = told(shared, plate(HOLES), plate([*HOLES[:2], (30.0, 25.0)]))["difference"]["text"]
+    text = told(shared, plate(HOLES), plate([*HOLES[:2], (30.0, 25.0)]))
     assert text.startswith("surfaces up to ")
     assert text.endswith("; equal volume")
     _, x, y, z, *_ = numbers(text)
