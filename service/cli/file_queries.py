@@ -50,9 +50,7 @@ def _answers(client: Client, batch: Sequence[Path], options: dict[str, Any]) -> 
     """
     try:
         given = client.query_batch(batch, **options).answers
-        return [
-            f"{answer.title}: {answer.detail}" if isinstance(answer, Cause) else answer for answer in given
-        ]
+        return [answer.text if isinstance(answer, Cause) else answer for answer in given]
     except (ProblemError, OSError) as error:
         if len(batch) == 1 or (isinstance(error, ProblemError) and error.kind in AWAY):
             return [(error.strerror if isinstance(error, OSError) else None) or str(error)] * len(batch)

@@ -33,7 +33,8 @@ def read_landmarks(path: Path) -> LandmarkFile:
             rows = csv.DictReader(stream, skipinitialspace=True, strict=True)
             missing = {NAME, *FIRST} - set(rows.fieldnames or ())
             if missing:
-                fail(f"{path} has no column {sorted(missing)[0]!r}; it needs name, x, y and z", status=2)
+                needed = "it needs name, x, y and z, separated by commas"
+                fail(f"{path} has no column {sorted(missing)[0]!r}; {needed}", status=2)
             for row in rows:
                 point = _point(row, FIRST)
                 found.names.append(row[NAME] or "")

@@ -81,7 +81,7 @@ class ProblemError(ClientError):
     """
 
     def __init__(self, problem: Problem) -> None:
-        super().__init__(f"{problem.title}: {problem.detail}")
+        super().__init__(problem.text)
         self.problem = problem
         self.kind = problem.type.removeprefix(TYPE_PREFIX)
 

@@ -33,6 +33,12 @@ class Cause(BaseModel):
         row = PROBLEMS[kind]
         return cls(type=TYPE_PREFIX + kind, title=row.title, status=row.status, detail=detail, **fields)
 
+    @property
+    def text(self) -> str:
+        """Return the title and, unless it says the same, the detail."""
+        said = self.detail.casefold() == self.title.casefold()
+        return self.title if said else f"{self.title}: {self.detail}"
+
 
 class Problem(Cause):
     """The answer to every request that fails (RFC 9457)."""

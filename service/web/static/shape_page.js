@@ -26,7 +26,7 @@ export async function showShape(id) {
   offerDownload(formats);
   byId("similar", HTMLAnchorElement).href = address("", { shape_id: id });
   byId("about", HTMLElement).hidden = false;
-  open.hidden = access !== "full";
+  open.hidden = byId("library", HTMLElement).hidden = access !== "full";
   if (access === "full") {
     suggest();
     showPaths(id).catch((error) => showError(errorBox, error));

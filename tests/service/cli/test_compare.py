@@ -103,6 +103,7 @@ def test_landmarks_are_printed_as_csv(archive: Client, ball: Path, run: Run, tmp
     ("text", "told"),
     [
         ("name,x,y\na,1,2\n", "no column 'z'"),
+        ("name;x;y;z\na;1;2;3\n", "separated by commas"),
         ("name,x,y,z\na,1,2,\n", "line 2"),
         ("name,x,y,z,x2,y2,z2\na,1,2,3,4,5,\n", "line 2"),
         ("name,x,y,z\n", "no landmarks"),

@@ -124,6 +124,9 @@ def test_bad_files_and_options(archive: Client, tmp_path: Path, run: Run) -> Non
     bad = run("query", tmp_path / "bad.off", "--url", archive.url)
     assert bad.status == 1
     assert len(bad.stderr.splitlines()) == 2
+    (tmp_path / "bad.off").write_bytes(b"")
+    empty = run("query", tmp_path / "bad.off", "--url", archive.url)
+    assert empty.stderr.splitlines()[1] == "isoshape: The file is empty"
     assert run("query", tmp_path / "bad.off", "--rank-by", "colour").status == 2
     assert run("query", tmp_path / "bad.off", "--top-k", "0").status == 2
 

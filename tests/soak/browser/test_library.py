@@ -43,7 +43,8 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         expect(row).to_contain_text("1 file, up to date")
         page.goto(f"{visit.here}/shapes/{library.shapes()['a.off']}/view")
         expect(page.locator("#paths dd")).to_have_text(f"{root}/a.off")
-        page = visit.open("library")
+        assert serious(page) == []
+        page.get_by_role("link", name="Library").click()
         # A press waits for the scan that it begins.
         put(root / "b.off", small_file(2))
         put(root / "copy of b.off", small_file(2))
