@@ -18,6 +18,7 @@ from service.rendering.thumbnail import DRAWING
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
 from service.shapes.endpoints import MeshUpload, ShapeId
+from service.shapes.fields import Id
 from service.shapes.file_endpoints import is_known
 from service.shapes.records import ShapeRecord
 from service.web.endpoints import page, viewing_page
@@ -114,15 +115,25 @@ async def make_preview(
     "/shapes/{shape_id}/view",
     summary="View a shape",
     response_class=Response,
+    dependencies=[once("beside")],
     responses={
         200: {"description": "A page.", "content": {"text/html": {"schema": {"type": "string"}}}},
         **documented("shape-not-found", *READ_PROBLEMS),
     },
 )
-def view_shape(shape_id: ShapeId, request: Request, container: Service, collection: InCollection) -> Response:
-    """Return a page that shows the shape in 3D."""
+def view_shape(
+    shape_id: ShapeId,
+    request: Request,
+    container: Service,
+    collection: InCollection,
+    beside: Annotated[
+        Id | None, Query(description="A second shape: their corresponding points, and landmarks of both.")
+    ] = None,
+) -> Response:
+    """Return a page that shows the shape in 3D, alone or beside another one."""
     with container.database.read() as session:
-        shapes_service.get(session, collection.number, shape_id)
+        for shown in filter(None, (shape_id, beside)):
+            shapes_service.get(session, collection.number, shown)
     if collection == DEFAULT_COLLECTION:
         return page(request, "view.html")
     return viewing_page(collection=collection.name)

@@ -68,7 +68,12 @@ export async function showResults(asked, answer, count, isNew) {
     const part = result.part_distance === null ? [] : [["part distance", result.part_distance.toFixed(4)]];
     const more = details(shape.name, result, [...part, ...measures(shape, result.size_ratio)]);
     const open = make("a", { href: address(`shapes/${shape.id}/view`), ariaLabel: `Open ${shape.name}` }, "Open");
-    const line = make("div", { className: "buttons" }, similarLink(shape), open);
+    // A file that is not stored has no page to be compared on.
+    const compared = typeof asked.given === "string" ? [make("a", {
+      href: address(`shapes/${asked.given}/view`, { beside: shape.id }), ariaLabel: `Compare with ${shape.name}`,
+      title: "Both side by side, with landmarks",
+    }, "Compare")] : [];
+    const line = make("div", { className: "buttons" }, similarLink(shape), open, ...compared);
     const note = make("p", { className: "difference" });
     notes.push(note);
     return card(`${result.rank}. ${shape.name}`, [sizes(shape), shape.tags.join(", ")].filter(Boolean), result, note, more, line);

@@ -46,5 +46,6 @@ async function showTwo(one, other) {
   offerLandmarks([query, copy], [one, other], [a.name, b.name]);
 }
 
-const id = location.pathname.split("/").at(-2) ?? "";
-(first && second ? showTwo(first, second) : showShape(id)).catch((error) => showError(byId("error", HTMLElement), error));
+const id = first || (location.pathname.split("/").at(-2) ?? "");
+const beside = second || new URLSearchParams(location.search).get("beside");
+(beside ? showTwo(id, beside) : showShape(id)).catch((error) => showError(byId("error", HTMLElement), error));

@@ -257,6 +257,14 @@ def test_a_comparison_as_a_page_names_both_shapes(service: Running) -> None:
     assert_problem(service.client.post("/compare?format=pdf", json=pair), 422, "bad-request-fields")
 
 
+def test_a_page_of_two_shapes_is_that_of_the_first_beside_the_second(service: Running) -> None:
+    ids = [service.store(small_file(number), name=f"{number}.off")["id"] for number in (6, 7)]
+    address = f"/shapes/{ids[0]}/view"
+    assert service.client.get(address, params={"beside": ids[1]}).text == service.client.get(address).text
+    assert_problem(service.client.get(address, params={"beside": "none"}), 404, "shape-not-found")
+    assert_problem(service.client.get(address, params={"beside": ids}), 422, "bad-request-fields")
+
+
 def test_a_query_tells_of_its_own_embedding_if_asked(service: Running) -> None:
     shape = service.store(small_file(8))
     stored = service.client.get(f"/shapes/{shape['id']}/embedding").json()

@@ -36,16 +36,9 @@ def test_landmarks_are_placed_named_corrected_and_exported(visit: Visit, running
         for mesh, name in ((one, "one.ply"), (other, "other.ply"))
     ]
     page = visit.page
-    page.goto(f"{visit.here}/docs")
-    page.route(
-        "**/compare?format=html",
-        lambda route: route.continue_(
-            method="POST",
-            post_data={"first": ids[0], "second": ids[1]},
-            headers={"content-type": "application/json"},
-        ),
-    )
-    page.goto(f"{visit.here}/compare?format=html")
+    page.goto(f"{visit.here}/?shape_id={ids[0]}")
+    page.get_by_role("link", name="Compare with other.ply").click()
+    expect(page.locator("#title")).to_have_text("one.ply and other.ply")
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(2)
     canvases = page.locator("#cards canvas")
     export = page.get_by_role("button", name="Export CSV")
