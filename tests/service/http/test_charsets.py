@@ -63,7 +63,7 @@ def test_a_form_in_a_slow_charset_delays_nobody(service: Running) -> None:
     )
 
 
-@pytest.mark.parametrize(("fields", "status"), [(40, 413), (8, 413), (3, 201)])
+@pytest.mark.parametrize(("fields", "status"), [(40, 413), (3, 201)])
 def test_forms_of_much_text_delay_nobody(service: Running, fields: int, status: int) -> None:
     body = _form(*[(b"tags", b"a," * 32_000) for _ in range(fields)])
 
