@@ -108,8 +108,8 @@ def _add_squares(column: Floats, squares: Floats) -> None:
 def _inverted(matrix: Floats) -> bool:
     """Invert a symmetric positive definite matrix in its lower triangle; return whether it is one.
 
-    By the sweep operator (J. H. Goodnight, The American Statistician 33, 1979), in under half of the time that
-    LAPACK takes for a hundred rows.
+    By the sweep operator (J. H. Goodnight, The American Statistician 33, 1979), in under half of the time of
+    LAPACK for a hundred rows.
     """
     n = len(matrix)
     swept = np.empty(n)
