@@ -29,6 +29,7 @@ async function showTwo(one, other) {
   const left = card(a.name, [], null), right = card(b.name, [], scores, details(b.name, scores));
   cards.append(left.item, right.item);
   const status = byId("point-status", HTMLElement);
+  status.textContent = "Point at a coloured dot to see its partner. Click on the first shape to place a landmark.";
   status.hidden = false;
   const shown = await compare(
     [

@@ -40,6 +40,7 @@ def test_landmarks_are_placed_named_corrected_and_exported(visit: Visit, running
     page.get_by_role("link", name="Compare with other.ply").click()
     expect(page.locator("#title")).to_have_text("one.ply and other.ply")
     expect(page.locator("#cards canvas[data-drawn]")).to_have_count(2)
+    expect(page.locator("#point-status")).to_contain_text("Click on the first shape to place a landmark.")
     canvases = page.locator("#cards canvas")
     export = page.get_by_role("button", name="Export CSV")
     expect(export).to_be_disabled()
