@@ -100,7 +100,9 @@ class _Refined:
         shares, faces = self.own.curved.closest(points)
         gaps, places, spans = distances_to(self.other, *self.own.curved.at(shares, faces), self.motion)
         far = gaps > PRECISION + FARTHEST * spans
-        by_region = self.regions[self.own.curved.regions[faces]] & (places > PRECISION + CURVED * spans)
+        by_region = self.regions[self.own.curved.regions[faces]] & (
+            np.abs(places) > PRECISION + CURVED * spans
+        )
         return gaps / self.motion.scale, far | by_region
 
     def refine(self, points: Floats) -> None:

@@ -227,6 +227,14 @@ def test_a_remeshed_copy_is_a_copy_and_its_scale_is_exact(family: Family) -> Non
     assert judged(first, moved(second, 1, scale=25.4)) == a_copy(25.4, mirrored=False, rel=1e-4)
 
 
+def test_a_thread_with_vertices_elsewhere_is_a_copy() -> None:
+    """Its crests and roots are cut off, by less than the tolerance."""
+    bolts = [part("bolt", Drawing(383, 0.1, phase)) for phase in (0.0, 0.37)]
+    surfaces = probed_surface(bolts[0]), probed_surface(moved(bolts[1], 3, scale=2.0))
+    starts = [one.samples.representatives * one.samples.unit + one.samples.centre for one in surfaces]
+    assert copy_by_surfaces(*surfaces, (starts[0], starts[1])) == a_copy(2.0, mirrored=False, rel=1e-4)
+
+
 @pytest.mark.parametrize("family", ["plate", "flange", "gear", "shaft"])
 def test_triangles_cut_in_four_make_a_copy_to_rounding(family: Family) -> None:
     mesh = part(family, Drawing(9, 0.1))
