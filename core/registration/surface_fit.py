@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from core.arrays import Floats, Ints
 from core.mesh.edges import component_labels
 from core.registration.curved_surface import CREASE, ON_EDGE
-from core.registration.probed_surface import SPREAD, ProbedSurface
+from core.registration.probed_surface import SPREAD, VERTICES, ProbedSurface
 from core.registration.similarity import Similarity
 
 ROUNDS = 8
@@ -221,6 +221,9 @@ def local_deviation(first: ProbedSurface, second: ProbedSurface, motion: Similar
 
 def _patch(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> tuple[Floats, Floats]:
     """Return distances of the vertices of the first surface that deviate side by side, and their points."""
+    if len(first.corners) <= VERTICES:
+        # All of them are probes.
+        return np.empty(0), np.empty((0, 3))
     curved = first.curved
     points, normals, errors = curved.at(np.eye(3)[first.corners % 3], first.corners // 3)
     gaps, _, spans = distances_to(second, points, normals, errors, motion)
