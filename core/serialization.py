@@ -147,9 +147,7 @@ def descriptors_from_bytes(data: bytes) -> ShapeDescriptors:
     with _reading():
         arrays, header = _arrays(data)
         descriptors = ShapeDescriptors(
-            arrays["signature"],
-            _descriptors(arrays),
-            intrinsic_reliability(_facts(header)),
+            arrays["signature"], _descriptors(arrays), intrinsic_reliability(_facts(header))
         )
     _check(_array_faults("signature", descriptors.signature, *_ARRAYS["signature"]))
     _check(_descriptor_faults(descriptors.arrays))
@@ -174,11 +172,7 @@ def _faults(embedding: Embedding) -> Iterator[str]:
         yield from _array_faults(f"{spectrum.name} eigenvalues", spectrum.eigenvalues, np.float32, (None,))
     yield from _descriptor_faults(embedding.descriptors)
     yield from _orientation_faults(embedding, m)
-    for name, end in (
-        ("vertices", embedding.facts.vertices),
-        ("graph_edges", m),
-        ("tree_edges", m),
-    ):
+    for name, end in (("vertices", embedding.facts.vertices), ("graph_edges", m), ("tree_edges", m)):
         indices = getattr(embedding, name)
         if indices.size and not (indices.min() >= 0 and indices.max() < end):
             yield f"{name} has an index out of range"

@@ -199,10 +199,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
     )
     try:
         database = Database(
-            settings.database_url,
-            lock_seconds=settings.lock_seconds,
-            metrics=metrics,
-            reserve=True,
+            settings.database_url, lock_seconds=settings.lock_seconds, metrics=metrics, reserve=True
         )
         migrate(database)
         pipelines = Pipelines(parameters, room=settings.search_bytes)

@@ -140,10 +140,7 @@ _TABLE = (
         y_up=True,
         vertex_bytes=12,
         face_bytes=12,
-        variants=(
-            Form(b"PK\x03\x04", ("zip",), "application/zip"),
-            Form(b"", ("gltf",), "model/gltf+json"),
-        ),
+        variants=(Form(b"PK\x03\x04", ("zip",), "application/zip"), Form(b"", ("gltf",), "model/gltf+json")),
     ),
     Format(
         ("3mf",),

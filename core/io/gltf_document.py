@@ -289,9 +289,5 @@ def _stored(document: Document, accessor: Entry) -> NDArray[np.generic]:
             f"an accessor of the GLB declares {count} elements, more than its data holds"
         )
     return np.ndarray(
-        (count, width),
-        dtype=kind,
-        buffer=buffer,
-        offset=start + offset,
-        strides=(stride, kind.itemsize),
+        (count, width), dtype=kind, buffer=buffer, offset=start + offset, strides=(stride, kind.itemsize)
     )

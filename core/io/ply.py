@@ -14,15 +14,7 @@ from core.arrays import Floats, Ints
 from core.errors import MalformedMeshError, NoTrianglesError
 from core.io.checks import Content, Limits, declared
 from core.io.polygons import triangles
-from core.io.text import (
-    coordinates,
-    counted_polygons,
-    plain_text,
-    rows,
-    take,
-    without_lists,
-    without_mark,
-)
+from core.io.text import coordinates, counted_polygons, plain_text, rows, take, without_lists, without_mark
 from core.io.trimesh_export import export
 from core.mesh.mesh import Mesh
 

@@ -11,14 +11,7 @@ import numpy as np
 from core.arrays import Floats
 from core.registration.initial_alignments import FAR
 from core.registration.probed_surface import ProbedSurface
-from core.registration.similarity import (
-    NEAR,
-    SHARE,
-    Similarity,
-    near_rigid,
-    to_unit_area,
-    trimmed_similarity,
-)
+from core.registration.similarity import NEAR, SHARE, Similarity, near_rigid, to_unit_area, trimmed_similarity
 from core.registration.surface_fit import coarsely_fitted, fitted, spread_distances
 
 

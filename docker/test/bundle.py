@@ -72,12 +72,7 @@ def mounts(
 
 def bind(source: str, destination: str, *options: str) -> dict[str, Any]:
     """A file or folder of this machine at a place in the container."""
-    return {
-        "destination": destination,
-        "type": "bind",
-        "source": str(source),
-        "options": ["rbind", *options],
-    }
+    return {"destination": destination, "type": "bind", "source": str(source), "options": ["rbind", *options]}
 
 
 def configuration(

@@ -213,13 +213,7 @@ def problem_of(document: bytes, otherwise: str) -> str:
         return otherwise
 
 
-CLASSES = (
-    IsoshapePreferences,
-    IsoshapeResult,
-    ISOSHAPE_OT_find,
-    ISOSHAPE_OT_insert,
-    ISOSHAPE_PT_results,
-)
+CLASSES = (IsoshapePreferences, IsoshapeResult, ISOSHAPE_OT_find, ISOSHAPE_OT_insert, ISOSHAPE_PT_results)
 
 
 def register() -> None:

@@ -13,8 +13,7 @@ from service.console import fail, output, table
 def key_command(
     *,
     collection: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Limit the key to this collection; repeatable."),
+        list[str] | None, typer.Option(metavar="NAME", help="Limit the key to this collection; repeatable.")
     ] = None,
 ) -> None:
     """Make an API key and print it with its SHA-256.

@@ -69,8 +69,7 @@ def demo_command(
     ] = False,
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the service.")] = DEFAULT_PORT,
     picture: Annotated[
-        Path | None,
-        typer.Option(help="Write a picture of some answers, corresponding places in one colour."),
+        Path | None, typer.Option(help="Write a picture of some answers, corresponding places in one colour.")
     ] = None,
     key: Key = None,
 ) -> None:

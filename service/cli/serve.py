@@ -37,8 +37,7 @@ def serve_command(
         int | None, typer.Option(min=0, max=65535, help="Port. [default: ISOSHAPE_PORT or 8000; 0: any free]")
     ] = None,
     shared: Annotated[
-        bool,
-        typer.Option("--shared", help="Start although another service serves the same SQLite archive."),
+        bool, typer.Option("--shared", help="Start although another service serves the same SQLite archive.")
     ] = False,
 ) -> None:
     """Serve the archive over HTTP until Ctrl-C.

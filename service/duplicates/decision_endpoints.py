@@ -82,9 +82,7 @@ def delete_decision(decision_id: DecisionId, container: Service, collection: InC
 
 
 @router.post(
-    "/duplicates/merge",
-    summary="Merge shapes",
-    responses=documented("shape-not-found", *WRITE_PROBLEMS),
+    "/duplicates/merge", summary="Merge shapes", responses=documented("shape-not-found", *WRITE_PROBLEMS)
 )
 def merge(wanted: Merge, container: Service, collection: InCollection) -> MergedShape:
     """Give one shape the tags and metadata of all, and delete the others.

@@ -20,13 +20,7 @@ from service.duplicates.decision_schemas import (
 )
 from service.duplicates.merge_repository import Merge
 from service.duplicates.records import Decision, Pair, pair_of
-from service.errors import (
-    BadRequestFieldsError,
-    FieldFault,
-    MissingError,
-    NameTakenError,
-    ShapeNotFoundError,
-)
+from service.errors import BadRequestFieldsError, FieldFault, MissingError, NameTakenError, ShapeNotFoundError
 from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.records import ShapeRecord

@@ -12,12 +12,7 @@ from service.index.repository import ENTRIES
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import (
-    DuplicatePairRow,
-    EmbeddingRow,
-    JudgedShapeRow,
-    ShapeRow,
-)
+from service.storage.tables import DuplicatePairRow, EmbeddingRow, JudgedShapeRow, ShapeRow
 
 LINK = (
     DuplicatePairRow.first_number,

@@ -75,11 +75,7 @@ async def find(
 
 
 def _report(
-    session: ReadSession,
-    searches: Sequence[Search],
-    wanted: ShapeFilter,
-    bounds: Search,
-    counted: Counted,
+    session: ReadSession, searches: Sequence[Search], wanted: ShapeFilter, bounds: Search, counted: Counted
 ) -> DuplicatesAnswer:
     collection = wanted.collection
     shapes = repository.embedded(session, bounds.fingerprint, wanted)

@@ -12,12 +12,7 @@ from python_multipart.multipart import parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import FormData
 
-from service.errors import (
-    BadRequestFieldsError,
-    FieldFault,
-    FileTooLargeError,
-    UnsupportedBodyError,
-)
+from service.errors import BadRequestFieldsError, FieldFault, FileTooLargeError, UnsupportedBodyError
 from service.http.problem_document import faults_of
 from service.settings import Settings
 from service.storage.files import disk_errors

@@ -109,12 +109,7 @@ ARCHIVE = RequestBody(ArchiveUpload, limit="max_archive_bytes")
     response_model=Job,
     response_description="The archive is stored durably, and the job waits for its turn; Location is its "
     "URL.",
-    responses=documented(
-        "unsupported-media-type",
-        "unknown-archive",
-        "busy",
-        *WRITE_PROBLEMS,
-    ),
+    responses=documented("unsupported-media-type", "unknown-archive", "busy", *WRITE_PROBLEMS),
     # Before the body is read: only so many archives are received at a time.
     dependencies=[Depends(_receiving, scope="function")],
     openapi_extra=ARCHIVE.openapi,
@@ -148,10 +143,7 @@ async def create_job(
 
 
 @router.get(
-    ADDRESS,
-    summary="List jobs",
-    responses=documented(*READ_PROBLEMS),
-    dependencies=[once_each(PageOptions)],
+    ADDRESS, summary="List jobs", responses=documented(*READ_PROBLEMS), dependencies=[once_each(PageOptions)]
 )
 def list_jobs(
     listing: Annotated[PageOptions, Query()], runner: InRunner, collection: InCollection
@@ -214,9 +206,7 @@ async def follow_job(job_id: JobId, request: Request, runner: InRunner, collecti
 
 
 @router.post(
-    "/jobs/{job_id}/cancel",
-    summary="Cancel a job",
-    responses=documented("job-not-found", *WRITE_PROBLEMS),
+    "/jobs/{job_id}/cancel", summary="Cancel a job", responses=documented("job-not-found", *WRITE_PROBLEMS)
 )
 async def cancel_job(job_id: JobId, runner: InRunner, collection: InCollection) -> Job:
     """Stop the job. Stored shapes stay; a job that has ended does not change."""

@@ -28,11 +28,7 @@ def camera() -> Floats:
     """Return the camera's axes as rows, shape (3, 3): right, up and towards the viewer, where y is up."""
     elevation, azimuth = np.radians([ELEVATION, AZIMUTH])
     towards = np.array(
-        [
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-            np.cos(elevation) * np.cos(azimuth),
-        ]
+        [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
     )
     right = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
     return np.stack([right, np.cross(towards, right), towards])

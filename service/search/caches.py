@@ -118,10 +118,7 @@ class BatchReader(CandidateReader):
 
 
 def collection_sample(
-    session: ReadSession,
-    container: Container,
-    active_pipeline: ActivePipeline,
-    collection: CollectionNumber,
+    session: ReadSession, container: Container, active_pipeline: ActivePipeline, collection: CollectionNumber
 ) -> CollectionSample:
     """Return the sample of a collection, as the session sees it."""
     now = revision(session)

@@ -44,12 +44,7 @@ from service.search.endpoints import WORK_PROBLEMS
 from service.search.likeness import relation_of, stored_mesh
 from service.search.records import ReadMesh, Surface, once
 from service.search.schemas import pairs
-from service.search.transfer_schemas import (
-    TRANSFER,
-    FormLandmarks,
-    FormTransfer,
-    Transfer,
-)
+from service.search.transfer_schemas import TRANSFER, FormLandmarks, FormTransfer, Transfer
 from service.search.transfers import answer_of, landmarks_of, wanted_of
 from service.shapes import file_repository
 from service.shapes import service as shapes_service
@@ -66,8 +61,7 @@ PICTURE_SIZE = 512
 """Height of the picture of a comparison, in pixels."""
 
 IdOrFile = Annotated[
-    UploadFile | Id,
-    Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}"),
+    UploadFile | Id, Field(description=f"A mesh file, or the id of a stored shape. {ENDINGS_IN_WORDS}")
 ]
 
 

@@ -16,13 +16,7 @@ from service.http.request_bodies import FORM, RequestBody, once_each
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline
 from service.previews.endpoints import KNOWN, validated
-from service.search.answer import (
-    SearchedFile,
-    query_of_file,
-    query_of_shape,
-    search,
-    with_active_pipeline,
-)
+from service.search.answer import SearchedFile, query_of_file, query_of_shape, search, with_active_pipeline
 from service.search.batch import answer_files, answer_shapes
 from service.search.families import families_of
 from service.search.map import map_sheet, similarity_map_of

@@ -175,12 +175,7 @@ async def _meshes(first: Surface, second: Surface) -> tuple[Mesh, Mesh]:
 
 
 async def find_copy(
-    container: Container,
-    first: Surface,
-    second: Surface,
-    parameters: Parameters,
-    *,
-    variants: bool = True,
+    container: Container, first: Surface, second: Surface, parameters: Parameters, *, variants: bool = True
 ) -> RigidCopy | None:
     """Return the second surface as a rigid copy of the first, or a variant if these are wanted, else None.
 

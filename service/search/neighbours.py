@@ -63,10 +63,7 @@ async def make_row(
     compared, log_odds = np.empty(0, np.int64), np.empty(0)
     if embedding in records:
         query = Query(
-            records[embedding],
-            active_pipeline=active_pipeline,
-            excluded=frozenset([shape]),
-            number=embedding,
+            records[embedding], active_pipeline=active_pipeline, excluded=frozenset([shape]), number=embedding
         )
         cascade = Cascade(container, query, CandidateReader(container, active_pipeline), by_log_odds=True)
         candidates = await run_in_threadpool(

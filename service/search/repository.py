@@ -34,14 +34,7 @@ from service.storage.checksums import is_whole
 from service.storage.columns import POSTGRESQL, PgVector, vector_text
 from service.storage.database import ReadSession
 from service.storage.postgresql import has_view_signature
-from service.storage.tables import (
-    NOT_DELETED,
-    BlobRow,
-    CoarseSamplesRow,
-    EmbeddingRow,
-    PieceRow,
-    ShapeRow,
-)
+from service.storage.tables import NOT_DELETED, BlobRow, CoarseSamplesRow, EmbeddingRow, PieceRow, ShapeRow
 
 log = get_logger("search")
 

@@ -62,12 +62,7 @@ VIEW_SHARE = 0.5
 
 
 def find_candidates(
-    container: Container,
-    query: Query,
-    shapes: ShapeFilter,
-    shortlist_from: int | None,
-    *,
-    by_log_odds: bool,
+    container: Container, query: Query, shapes: ShapeFilter, shortlist_from: int | None, *, by_log_odds: bool
 ) -> Candidates:
     """Return the shapes that match a filter, without the query itself, or a shortlist of them.
 

@@ -31,11 +31,7 @@ class Suggestions(BaseModel):
         json_schema_extra={
             "example": {
                 "suggestions": [
-                    {
-                        "value": "horse",
-                        "share": 0.94,
-                        "shapes": [{"id": SHAPE["id"], "name": "foal.off"}],
-                    }
+                    {"value": "horse", "share": 0.94, "shapes": [{"id": SHAPE["id"], "name": "foal.off"}]}
                 ],
                 "known": True,
             }

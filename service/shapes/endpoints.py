@@ -5,15 +5,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Header, Path, Query, Request, Response, UploadFile
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    Json,
-    WithJsonSchema,
-)
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Json, WithJsonSchema
 
 from core.io import FORMATS, format_of
 from service.collections.endpoints import InCollection, NamedInAddress, address, limits_of, named_too
@@ -67,8 +59,7 @@ ENDINGS_IN_WORDS = (
 """The formats of uploads, for the documentation."""
 
 MeshFile = Annotated[
-    UploadFile,
-    Field(description=f"The mesh. {ENDINGS_IN_WORDS} 3MF and STEP are read in millimetres."),
+    UploadFile, Field(description=f"The mesh. {ENDINGS_IN_WORDS} 3MF and STEP are read in millimetres.")
 ]
 
 
@@ -311,10 +302,7 @@ def list_shapes(
     dependencies=[once_each(FacetOptions)],
 )
 def read_facets(
-    options: Annotated[FacetOptions, Query()],
-    request: Request,
-    container: Service,
-    collection: InCollection,
+    options: Annotated[FacetOptions, Query()], request: Request, container: Service, collection: InCollection
 ) -> Facets:
     """Return how many of the shapes that pass the filter have each tag, format and length.
 
@@ -444,9 +432,7 @@ def delete_shape(
 
 
 @router.post(
-    "/shapes/{shape_id}/restore",
-    summary="Restore a deleted shape",
-    responses=documented(*RESTORE_PROBLEMS),
+    "/shapes/{shape_id}/restore", summary="Restore a deleted shape", responses=documented(*RESTORE_PROBLEMS)
 )
 async def restore_shape(
     shape_id: ShapeId, request: Request, container: Service, collection: InCollection

@@ -40,8 +40,7 @@ def facets(
     of_collections = (
         select(CollectionRow.name, func.count(ShapeRow.number))
         .outerjoin(
-            ShapeRow,
-            (ShapeRow.collection_number == CollectionRow.number) & NOT_DELETED & conditions(shapes),
+            ShapeRow, (ShapeRow.collection_number == CollectionRow.number) & NOT_DELETED & conditions(shapes)
         )
         .group_by(CollectionRow.name)
         .order_by(CollectionRow.name)

@@ -132,11 +132,7 @@ async def read_file(
         async with container.queue.admitted(request):
             data = await while_connected(request, exported(container, collection.number, shape, kind))
         size = len(data)
-    headers = {
-        "Content-Length": str(size),
-        "ETag": tag,
-        "Content-Disposition": disposition(shape.name, form),
-    }
+    headers = {"Content-Length": str(size), "ETag": tag, "Content-Disposition": disposition(shape.name, form)}
     body = b"" if request.method == "HEAD" or data is None else data
     return StreamingResponse(_pieces(body), media_type=form.media_type, headers=headers)
 

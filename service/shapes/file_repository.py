@@ -96,9 +96,7 @@ def is_embedded(session: ReadSession, fingerprint: str, sha256: str, format: str
         select(EmbeddingRow.number)
         .join(BlobRow, BlobRow.number == EmbeddingRow.blob_number)
         .where(
-            BlobRow.sha256 == sha256,
-            EmbeddingRow.format == format,
-            EmbeddingRow.fingerprint == fingerprint,
+            BlobRow.sha256 == sha256, EmbeddingRow.format == format, EmbeddingRow.fingerprint == fingerprint
         )
     )
     return session.scalar(query) is not None

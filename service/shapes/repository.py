@@ -27,15 +27,7 @@ from service.http.idempotency import Claim, Kept
 from service.index import neighbour_repository
 from service.shapes.fields import plain_values
 from service.shapes.file_repository import is_its_embedding
-from service.shapes.records import (
-    NewFile,
-    NewShape,
-    Position,
-    ShapeFilter,
-    ShapeRecord,
-    Sort,
-    StoredFile,
-)
+from service.shapes.records import NewFile, NewShape, Position, ShapeFilter, ShapeRecord, Sort, StoredFile
 from service.shapes.rule_repository import with_rules
 from service.shapes.word_repository import having, index_words, relevances
 from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, shape_checksum
@@ -222,12 +214,7 @@ def records(
 
 
 def deleted_page(
-    session: ReadSession,
-    collection: CollectionNumber,
-    since: datetime,
-    *,
-    after: int,
-    limit: int,
+    session: ReadSession, collection: CollectionNumber, since: datetime, *, after: int, limit: int
 ) -> list[tuple[int, ShapeRecord]]:
     """Return the next `limit` shapes deleted since a time, each after the number of its deletion."""
     query = (
@@ -263,10 +250,7 @@ def erase_deleted_until(session: WriteSession, moment: datetime) -> None:
 
 
 def same(
-    session: ReadSession,
-    collection: CollectionNumber,
-    file: NewFile | ShapeRecord,
-    name: str,
+    session: ReadSession, collection: CollectionNumber, file: NewFile | ShapeRecord, name: str
 ) -> ShapeRecord | None:
     """Return the shape of a collection with the bytes and the format of a file, and a name."""
     numbers = session.scalars(

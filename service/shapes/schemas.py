@@ -76,9 +76,7 @@ class Filters(BaseModel):
     )
     metadata: list[
         Annotated[
-            str,
-            AfterValidator(storable_text),
-            Field(json_schema_extra={"pattern": "^[^=\\x00]+=[^\\x00]*$"}),
+            str, AfterValidator(storable_text), Field(json_schema_extra={"pattern": "^[^=\\x00]+=[^\\x00]*$"})
         ]
     ] = Field(
         default=[],
@@ -239,7 +237,7 @@ class MeshFacts(BaseModel):
     nonmanifold_edges: int = Field(description="Edges of more than two faces.")
     boundary_ratio: float = Field(
         description="The areas of discs with the lengths of the boundary loops, over the surface area, at "
-        "most 1; 0 for a closed surface, and for one of several pieces none of which has 3/4 of the area.",
+        "most 1; 0 for a closed surface, and for one of several pieces none of which has 3/4 of the area."
     )
     bounding_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         description="The sides of the least box around the mesh, in any orientation, the largest first."

@@ -22,13 +22,7 @@ from core.descriptors.views import view_signature
 from core.errors import BadRecordError
 from core.serialization import embedding_from_bytes
 from service.errors import ArchiveError
-from service.storage.checksums import (
-    SHAPE_COLUMNS,
-    SHAPE_TIMES,
-    is_whole,
-    pipeline_checksum,
-    shape_checksum,
-)
+from service.storage.checksums import SHAPE_COLUMNS, SHAPE_TIMES, is_whole, pipeline_checksum, shape_checksum
 from service.storage.database import check_known
 from service.storage.tables import Table
 from service.storage.words import MOST_PATHS, words_of
@@ -39,11 +33,7 @@ EMBEDDINGS_AT_ONCE = 256
 MOST_INTEGRITY_FAULTS = 100
 
 # Other tables with bytes in their column `data`: the key that orders the rows.
-OTHER_BYTES = {
-    "coarse_samples": "embedding_number",
-    "thumbnails": "rowid",
-    "neighbours": "rowid",
-}
+OTHER_BYTES = {"coarse_samples": "embedding_number", "thumbnails": "rowid", "neighbours": "rowid"}
 
 REFERENCES = {
     "blob {} has no shape": """

@@ -107,12 +107,7 @@ class Database:
     """
 
     def __init__(
-        self,
-        url: str,
-        *,
-        lock_seconds: float,
-        metrics: Metrics | None = None,
-        reserve: bool = False,
+        self, url: str, *, lock_seconds: float, metrics: Metrics | None = None, reserve: bool = False
     ) -> None:
         self._metrics = metrics or Metrics()
         self._lock_seconds = lock_seconds

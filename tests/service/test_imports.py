@@ -50,11 +50,7 @@ ONLY = {
     "lapy": ("service.evaluation.baselines",),
     "sklearn": ("service.evaluation.baselines",),
     "service.evaluation": ("service.evaluation", "service.cli"),
-    "service.app": (
-        "service.app",
-        "service.cli.serve",
-        "service.cli.service_address",
-    ),
+    "service.app": ("service.app", "service.cli.serve", "service.cli.service_address"),
 }
 
 # Who never imports what, in folders where the order allows it.

@@ -11,14 +11,7 @@ from sqlalchemy import make_url
 
 from core.parameters import DEFAULT, PAPER
 from service.jobs.runner import ARRIVING
-from service.settings import (
-    OTHER_VARIABLES,
-    PREFIX,
-    Settings,
-    SettingsError,
-    load_parameters,
-    load_settings,
-)
+from service.settings import OTHER_VARIABLES, PREFIX, Settings, SettingsError, load_parameters, load_settings
 from service.storage.postgresql import CONNECTIONS, MORE_CONNECTIONS
 
 ROOT = Path(__file__).parents[2]

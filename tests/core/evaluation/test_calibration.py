@@ -8,14 +8,7 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from core.errors import ParameterError
-from core.evaluation.calibration import (
-    BINS,
-    LabelledPairs,
-    fit,
-    fit_logistic,
-    leave_class_out,
-    reliability,
-)
+from core.evaluation.calibration import BINS, LabelledPairs, fit, fit_logistic, leave_class_out, reliability
 from core.ranking.class_probability import Calibration
 
 TRUE = Calibration(intercept=-3.0, slopes=(-2.0, 0.5))

@@ -8,12 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.errors import ParameterError
-from core.evaluation.retrieval_measures import (
-    QUANTILES,
-    Evaluation,
-    evaluate,
-    score_quantiles,
-)
+from core.evaluation.retrieval_measures import QUANTILES, Evaluation, evaluate, score_quantiles
 
 MEASURES = ("nn", "ft", "st", "e", "dcg", "map")
 

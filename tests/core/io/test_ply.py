@@ -223,14 +223,10 @@ MALFORMED = {
     ),
     "a length that is not whole": ply(face=("list float int vertex_indices",)).replace(b"\n4 0", b"\n4.5 0"),
     "binary, an index that is not whole": binary(
-        PLAIN_VERTICES,
-        packed([[4, 0.5, 1, 3, 2]] * 6, "<B4f"),
-        face=("list uchar float vertex_indices",),
+        PLAIN_VERTICES, packed([[4, 0.5, 1, 3, 2]] * 6, "<B4f"), face=("list uchar float vertex_indices",)
     ),
     "binary, a length that is no number": binary(
-        PLAIN_VERTICES,
-        packed([[np.nan, 0, 1, 3, 2]] * 6, "<f4i"),
-        face=("list float int vertex_indices",),
+        PLAIN_VERTICES, packed([[np.nan, 0, 1, 3, 2]] * 6, "<f4i"), face=("list float int vertex_indices",)
     ),
     "a property before an element": header((b"element vertex", b"property int a\nelement vertex")),
     "count not a number": header((b"vertex 8", b"vertex eight")),

@@ -5,12 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from core.errors import (
-    DegenerateMeshError,
-    MalformedMeshError,
-    NonFiniteCoordinatesError,
-    NoTrianglesError,
-)
+from core.errors import DegenerateMeshError, MalformedMeshError, NonFiniteCoordinatesError, NoTrianglesError
 from core.io import read_file, read_mesh
 from core.io import stl as module
 from tests.core.io.files import CUBE, SQUARES, TRIANGLES, binary_stl, faulty, stl

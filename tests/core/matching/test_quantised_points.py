@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.points import points_of
-from core.matching.quantised_points import (
-    decoded_points,
-    encoded_points,
-    quantised_points,
-    rounded,
-)
+from core.matching.quantised_points import decoded_points, encoded_points, quantised_points, rounded
 from tests.core.matching.clouds import random_embedding
 
 CASES = [(100, 500, 10), (60, 60, 3), (45, 91, 7), (300, 301, 2), (12, 12, 1)]

@@ -109,9 +109,7 @@ def test_without_a_graph_the_order_is_that_of_the_log_odds():
 def test_a_shape_without_log_odds_is_last_and_carries_the_flow():
     # Shape 1 was not compared with the query, and links it to shape 2; shape 3 has no link.
     rows = NeighbourRows(
-        np.arange(4),
-        np.array([[1], [2], [1], [NOBODY]]),
-        np.array([[3.0], [3.0], [3.0], [-np.inf]]),
+        np.arange(4), np.array([[1], [2], [1], [NOBODY]]), np.array([[3.0], [3.0], [3.0], [-np.inf]])
     )
     log_odds = np.array([2.0, -np.inf, -9.0, -9.0])
     scores = contextual_scores(rows, log_odds)

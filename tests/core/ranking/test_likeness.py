@@ -5,15 +5,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from core.ranking.likeness import (
-    NEAR_ISOMETRIC,
-    POSE_CC,
-    SIMILAR,
-    Copy,
-    Likeness,
-    likeness,
-    may_be_pose,
-)
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness, may_be_pose
 from core.ranking.shortlist import isometry_distance
 
 

@@ -8,12 +8,7 @@ from starlette.datastructures import Headers
 
 from service.auth.gate import Gate, RateLimit, check_host, from_another_site, key_in, name_in, needed
 from service.auth.keys import COOKIE, MOST_EACH, SECONDS, Grant, KeyRing, Sessions, digest_of, new_key
-from service.errors import (
-    CrossSiteError,
-    ForbiddenError,
-    MisdirectedRequestError,
-    UnauthorizedError,
-)
+from service.errors import CrossSiteError, ForbiddenError, MisdirectedRequestError, UnauthorizedError
 from service.settings import Settings
 
 

@@ -66,11 +66,7 @@ def test_ctrl_c_ends_ingest_with_a_summary_and_it_goes_on(archive: Client, tmp_p
     command = [sys.executable, "-P", "-m", "service.cli", "ingest", str(folder), "--url", archive.url]
     slowly = ["--at-once", "1"]
     process = subprocess.Popen(
-        [*command, *slowly],
-        env=os.environ,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        [*command, *slowly], env=os.environ, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     wait_until(lambda: archive.page().total >= 3, seconds=120)
     process.send_signal(signal.SIGINT)

@@ -302,11 +302,7 @@ def check_read(read: Any, name: str) -> None:
 @pytest.mark.parametrize("make", [Client, Awaited], ids=["waiting", "awaited"])
 @pytest.mark.parametrize(("method", "given", "options", "called"), CASES)
 def test_a_call_is_as_the_document_says(
-    make: Callable[..., Client],
-    method: str,
-    given: tuple[object, ...],
-    options: dict[str, Any],
-    called: str,
+    make: Callable[..., Client], method: str, given: tuple[object, ...], options: dict[str, Any], called: str
 ) -> None:
     requests: list[httpx.Request] = []
 

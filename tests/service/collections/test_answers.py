@@ -24,9 +24,7 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(
-    scope="module",
-    params=[(SQLITE, "memory"), (POSTGRESQL, "database")],
-    ids=["memory", "postgresql"],
+    scope="module", params=[(SQLITE, "memory"), (POSTGRESQL, "database")], ids=["memory", "postgresql"]
 )
 def answers(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory

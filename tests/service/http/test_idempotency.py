@@ -111,10 +111,7 @@ def test_another_payload_is_refused(service: Running, other: dict[str, Any]) -> 
 
 
 @pytest.mark.parametrize(
-    "value",
-    [
-        *("8e03978e", "", '""', '"a', '"a"b"', '"a", "b"', '"a\\b"', '"ä"', '"a\tb"', LONG),
-    ],
+    "value", [*("8e03978e", "", '""', '"a', '"a"b"', '"a", "b"', '"a\\b"', '"ä"', '"a\tb"', LONG)]
 )
 def test_a_malformed_key_is_refused(service: Running, value: str) -> None:
     answer = service.client.post(

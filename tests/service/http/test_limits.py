@@ -29,11 +29,7 @@ TASK_SECONDS = 1.5
 
 
 strict = module_service(
-    queue_length=0,
-    task_seconds=50,
-    max_upload_bytes=LIMIT,
-    max_vertices=VERTICES,
-    max_faces=2 * VERTICES,
+    queue_length=0, task_seconds=50, max_upload_bytes=LIMIT, max_vertices=VERTICES, max_faces=2 * VERTICES
 )
 """A service with one worker and no queue."""
 

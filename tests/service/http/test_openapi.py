@@ -18,17 +18,7 @@ from service.system.schemas import Health, Readiness, Version
 from tests.service.support import Running, document, operations, pipeline_in_use
 
 FILE = Path(__file__).parents[3] / "openapi" / "openapi.json"
-MODELS = (
-    Problem,
-    CompareAnswer,
-    QueryAnswer,
-    EmbeddingArrays,
-    Shape,
-    ShapePage,
-    Health,
-    Readiness,
-    Version,
-)
+MODELS = (Problem, CompareAnswer, QueryAnswer, EmbeddingArrays, Shape, ShapePage, Health, Readiness, Version)
 OPERATIONS = [
     pytest.param(operation, id=f"{method} {path}") for (method, path), operation in operations().items()
 ]

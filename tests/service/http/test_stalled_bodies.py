@@ -36,11 +36,7 @@ SLOTS = 4
 MB = 1_000_000
 
 
-LIMITS = {
-    "queue_length": SLOTS - 1,
-    "api_keys": (digest_of(FULL),),
-    "read_keys": (digest_of(READ),),
-}
+LIMITS = {"queue_length": SLOTS - 1, "api_keys": (digest_of(FULL),), "read_keys": (digest_of(READ),)}
 running = module_service(key=FULL, receive_seconds=SECONDS, **LIMITS)
 patient = module_service(key=FULL, receive_seconds=600.0, **LIMITS)
 """A service that gives no body up while a test runs."""

@@ -103,11 +103,7 @@ def test_the_name_is_by_default_the_files_own_without_folders(
 
 @pytest.mark.parametrize("tags", [["a", "b", "c"], ["a,b,c"], ["a, b", "c", "a"], ["a,,b , ", "", "c"]])
 def test_tags_are_repeated_or_separated_by_commas(service: Running, tags: list[str]) -> None:
-    assert upload(service.client, small_file(0), "bird.off", tags=tags).json()["tags"] == [
-        "a",
-        "b",
-        "c",
-    ]
+    assert upload(service.client, small_file(0), "bird.off", tags=tags).json()["tags"] == ["a", "b", "c"]
 
 
 def test_a_form_without_a_file_is_refused(service: Running) -> None:

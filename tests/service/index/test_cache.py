@@ -27,14 +27,7 @@ from service.index.cache import ABOUT, EmbeddingCache
 from service.search import caches, repository
 from service.search.caches import CacheWarmer
 from tests.core.ranking.test_differences import coarse
-from tests.service.support import (
-    Running,
-    query,
-    serving,
-    settings_in,
-    small_file,
-    wait_until,
-)
+from tests.service.support import Running, query, serving, settings_in, small_file, wait_until
 
 STORED = 12
 
@@ -278,11 +271,7 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
             )
         )
     names = first(names, rough, 3)
-    body = {
-        "shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"),
-        "top_k": 1,
-        "rank_by": rank_by,
-    }
+    body = {"shape_id": next(s["id"] for s in shapes if s["name"] == "3.off"), "top_k": 1, "rank_by": rank_by}
     found = client.post("/query", json=body).json()
     assert found["compared"] == 3
     (result,) = found["results"]

@@ -32,12 +32,7 @@ def database(tmp_path: Path) -> Iterator[Database]:
     database.close()
 
 
-def store(
-    database: Database,
-    content: int,
-    name: str,
-    fingerprint: str = FINGERPRINT,
-) -> None:
+def store(database: Database, content: int, name: str, fingerprint: str = FINGERPRINT) -> None:
     """Store a shape whose signature tells its content and its fingerprint."""
     signature = np.array([content, int(fingerprint, 16) % 97, 0.5], dtype=np.float32)
     views = np.array([content, 8], np.uint8)

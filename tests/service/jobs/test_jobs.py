@@ -43,13 +43,7 @@ from tests.service.jobs.support import (
     zip_link,
     zipped,
 )
-from tests.service.support import (
-    Running,
-    assert_problem,
-    requests_at_work,
-    small_file,
-    wait_until,
-)
+from tests.service.support import Running, assert_problem, requests_at_work, small_file, wait_until
 
 
 @pytest.fixture

@@ -30,9 +30,7 @@ def small_shortlist(tmp_path_factory: pytest.TempPathFactory, engine: str) -> It
         yield running
 
 
-def test_a_large_collection_is_compared_by_its_nearest_signatures_and_views(
-    small_shortlist: Running,
-) -> None:
+def test_a_large_collection_is_compared_by_its_nearest_signatures_and_views(small_shortlist: Running) -> None:
     client = small_shortlist.client
     shapes = {shape["name"]: shape["id"] for shape in client.get("/shapes").json()["shapes"]}
     with small_shortlist.container.database.read() as session:

@@ -134,10 +134,7 @@ def test_every_form_of_gltf_is_sent_back_as_what_it_is_and_glb_is_binary(
         assert (
             answer.headers["content-type"],
             answer.headers["content-disposition"].rpartition("''")[2],
-        ) == (
-            kind,
-            saved,
-        )
+        ) == (kind, saved)
         assert answer.content[:4] == b"glTF" if wanted else answer.content == data
         assert np.array_equal(read_mesh(answer.content, "glb").vertices, read_mesh(data, "glb").vertices)
         assert (answer.headers["etag"] == f'"{shape["sha256"]}"') == (answer.content == data)

@@ -146,11 +146,7 @@ def test_a_file_is_saved_under_the_shapes_name_whatever_that_holds(
 
 
 @pytest.mark.parametrize(
-    ("format", "media_type"),
-    [
-        ("glb", "model/gltf-binary"),
-        ("off", "application/octet-stream"),
-    ],
+    ("format", "media_type"), [("glb", "model/gltf-binary"), ("off", "application/octet-stream")]
 )
 def test_a_file_has_its_media_type_and_is_not_sent_twice(
     service: Running, format: str, media_type: str

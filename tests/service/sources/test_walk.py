@@ -79,10 +79,7 @@ def test_patterns_and_hidden_names_are_left_out(root: Path) -> None:
 
 @pytest.mark.parametrize(
     ("patterns", "cause"),
-    [
-        (b"!\n", "no pattern"),
-        (b"".join(b"%d/\n" % number for number in range(PATTERNS + 1)), "patterns"),
-    ],
+    [(b"!\n", "no pattern"), (b"".join(b"%d/\n" % number for number in range(PATTERNS + 1)), "patterns")],
     ids=["none", "many"],
 )
 def test_wrong_patterns_leave_the_folder_unread(root: Path, patterns: bytes, cause: str) -> None:

@@ -90,10 +90,7 @@ def test_a_file_over_which_its_reader_breaks_down(frail: Running, kept: str) -> 
 
 @pytest.mark.parametrize(
     ("task", "name", "status", "kind"),
-    [
-        ("embed_mesh", "upload", 422, "mesh-too-complex"),
-        ("match_embeddings", "compare", 503, "worker-lost"),
-    ],
+    [("embed_mesh", "upload", 422, "mesh-too-complex"), ("match_embeddings", "compare", 503, "worker-lost")],
 )
 def test_a_worker_without_memory(
     frail: Running, kept: str, monkeypatch: pytest.MonkeyPatch, task: str, name: str, status: int, kind: str

@@ -124,9 +124,7 @@ def test_a_message_tells_all_that_is_new(telling: Telling, receiver: Receiver) -
     pair = [{"id": shape["id"], "name": shape["name"]} for shape in (first, twin)]
     assert told == {
         "duplicates.found": [{"collection": "default", "shapes": pair, "variant": False}],
-        "jobs.ended": [
-            {"collection": "default", "id": job["id"], "archive": "meshes.zip", "state": "done"},
-        ],
+        "jobs.ended": [{"collection": "default", "id": job["id"], "archive": "meshes.zip", "state": "done"}],
     }
     client.get("/duplicates")
     telling.look()

@@ -15,10 +15,7 @@ from tests.soak.hostile.test_changed import REFUSALS
 
 def test_models_and_damaged_copies_are_taken_or_refused_and_searched(tmp_path: Path) -> None:
     wrong = []
-    with server(tmp_path, PYTHONWARNINGS="always::RuntimeWarning") as (
-        _,
-        client,
-    ):
+    with server(tmp_path, PYTHONWARNINGS="always::RuntimeWarning") as (_, client):
         for number, (path, _) in enumerate(sample("webmodels")[::6]):
             rng, mesh = np.random.default_rng(number), read(path)
             copies = {name: write_mesh(damage(mesh, rng), "ply") for name, damage in DAMAGES.items()}

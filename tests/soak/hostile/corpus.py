@@ -100,9 +100,6 @@ def _hostile(table: Mapping[tuple[str, str], Mapping[str, bytes | Callable[[], b
 
 CORPUS = [
     case
-    for table in (
-        *(module.CASES for module in (every_format, polygons, gltf, packages, text)),
-        AT_THE_LIMITS,
-    )
+    for table in (*(module.CASES for module in (every_format, polygons, gltf, packages, text)), AT_THE_LIMITS)
     for case in _hostile(table)
 ]

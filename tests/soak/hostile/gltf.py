@@ -197,7 +197,7 @@ CASES = {
                 }
             },
             {},
-        ),
+        )
     },
     ("strange", ""): {
         "strip.glb": glb(

@@ -97,11 +97,7 @@ class InlineService:
         jobs = str(folder / "elsewhere" / "jobs")
         self._app = service.app.create_app(
             settings_in(
-                folder,
-                job_folder=jobs,
-                undo_days=7.0,
-                lock_seconds=2.0,
-                source_roots=(str(folder.parent),),
+                folder, job_folder=jobs, undo_days=7.0, lock_seconds=2.0, source_roots=(str(folder.parent),)
             )
         )
         # The first request builds the routes.
