@@ -14,7 +14,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from service.errors import ArchiveError
-from service.storage.checking import CheckReport, check, check_version, connect, reason
+from service.storage.checking import DAMAGED, CheckReport, check, check_version, connect, reason
 from service.storage.files import put_in_place
 from service.storage.sqlite import JOURNALS, ArchiveLock, has_journal
 
@@ -37,7 +37,7 @@ def back_up(archive: Path, target: Path, *, replace: bool = False) -> CheckRepor
             raise ArchiveError(f"{target} is there already")
         try:
             connection.execute("VACUUM INTO ?", (str(copy),))
-        except sqlite3.Error as error:
+        except DAMAGED as error:
             raise ArchiveError(f"{archive} cannot be copied: {reason(error)}") from error
         report = _checked(copy, "the copy")
         put_in_place(copy, target)
@@ -105,7 +105,7 @@ def _holds_something(archive: Path) -> bool:
     try:
         with closing(connect(archive, lock_seconds=LOCK_SECONDS)) as connection:
             return connection.execute("SELECT 1 FROM shapes LIMIT 1").fetchone() is not None
-    except (ArchiveError, sqlite3.Error):
+    except (ArchiveError, *DAMAGED):
         return True
 
 
@@ -127,7 +127,7 @@ def _remove_journals(archive: Path) -> None:
         try:
             with closing(connect(archive, lock_seconds=0)) as connection:
                 connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        except (ArchiveError, sqlite3.Error) as error:
+        except (ArchiveError, *DAMAGED) as error:
             if isinstance(error.__cause__ or error, sqlite3.OperationalError):
                 raise ArchiveError(f"the journal of {archive} cannot be applied: {error}") from error
     for ending in (*JOURNALS, "-shm"):

@@ -74,6 +74,10 @@ REFERENCES = {
 """Faults, each with a query that finds them."""
 
 
+DAMAGED = (sqlite3.Error, UnicodeDecodeError)
+"""Errors of a damaged file: SQLite quotes its bytes, which may be no UTF-8."""
+
+
 @dataclass
 class CheckReport:
     """The content of an archive and its faults.
@@ -129,7 +133,7 @@ class _Check:
         for part in parts:
             try:
                 part()
-            except sqlite3.Error as error:
+            except DAMAGED as error:
                 self._report.faults.append(f"the file cannot be read: {reason(error)}")
         return self._report
 
@@ -267,11 +271,11 @@ def connect(path: Path, *, lock_seconds: float) -> sqlite3.Connection:
         connection = sqlite3.connect(
             f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=lock_seconds, isolation_level=None
         )
-    except sqlite3.Error as error:
+    except DAMAGED as error:
         raise ArchiveError(f"{path} cannot be opened: {reason(error)}") from error
     try:
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
-    except sqlite3.Error as error:
+    except DAMAGED as error:
         connection.close()
         raise ArchiveError(f"{path} cannot be read: {reason(error)}") from error
     return connection
@@ -282,12 +286,12 @@ def check_version(connection: sqlite3.Connection, path: Path) -> None:
     try:
         versions = [row[0] for row in connection.execute("SELECT version_num FROM alembic_version")]
         connection.execute("SELECT revision FROM archive").fetchall()
-    except sqlite3.Error as error:
+    except DAMAGED as error:
         raise ArchiveError(f"{path} is no Isoshape archive: {reason(error)}") from error
     check_known(versions)
 
 
-def reason(error: sqlite3.Error) -> str:
+def reason(error: Exception) -> str:
     """Return the message of an SQLite error with the name of its code."""
     name = getattr(error, "sqlite_errorname", None)
     return f"{error} ({name})" if name else str(error)

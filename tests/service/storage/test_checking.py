@@ -271,6 +271,15 @@ def test_a_collection_that_is_not_there_is_named(archive: Path) -> None:
     assert "the first collection is not default, but not there" in faults(archive)
 
 
+@pytest.mark.parametrize("table", ["blobs", "shapes"])
+def test_a_schema_that_is_no_utf_8_is_a_fault(archive: Path, table: str) -> None:
+    sound = archive.read_bytes()
+    start = sound.index(b"CREATE TABLE %s" % table.encode())
+    for place in range(start, start + 24, 3):
+        archive.write_bytes(sound[:place] + b"\xf7" + sound[place + 1 :])
+        assert found_out(archive), place
+
+
 FLIPS = 40
 
 
