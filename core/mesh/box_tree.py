@@ -28,14 +28,25 @@ class TriangleTree:
     order: Ints
     boxes: Floats
 
-    def closest(self, points: Floats, guess: Ints | None = None) -> tuple[Floats, Ints]:
+    def closest(
+        self, points: Floats, guess: Ints | None = None, near: Floats | None = None
+    ) -> tuple[Floats, Ints]:
         """Return the closest point of the surface to each of n points, shape (n, 3), finite.
 
         The results are its barycentric coordinates, float64 of shape (n, 3), and the triangle that holds it,
-        int64 of shape (n,). `guess`, shape (n,), has triangles near the points, which shorten the search.
+        int64 of shape (n,). `guess`, shape (n,), has triangles near the points, which shorten the search. A
+        search ends with any point of the surface within `near`, shape (n,), the distances of interest.
         """
-        near = np.full(len(points), self.order[0]) if guess is None else guess
-        return _closest(self.corners, self.order, self.boxes, points, near)
+        enough = np.zeros(len(points)) if near is None else near**2
+        if guess is not None:
+            return _closest(self.corners, self.order, self.boxes, points, guess, enough)
+        # Along a space-filling curve, the triangle of the point before is near.
+        order, unknown = _morton_order(points), np.full(len(points), -1)
+        shares, faces = np.empty((len(points), 3)), np.empty(len(points), dtype=np.int64)
+        shares[order], faces[order] = _closest(
+            self.corners, self.order, self.boxes, points[order], unknown, enough[order]
+        )
+        return shares, faces
 
 
 def triangle_tree(corners: Floats) -> TriangleTree:
@@ -85,6 +96,8 @@ def closest_on_triangles(corners: Floats, near: Ints, points: Floats) -> Floats:
 
 def _morton_order(points: Floats) -> Ints:
     """Return the order of points, shape (n, 3), along a space-filling curve, by Morton codes, shape (n,)."""
+    if not len(points):
+        return np.empty(0, dtype=np.int64)
     low = points.min(axis=0)
     span = max(float((points.max(axis=0) - low).max()), float(np.finfo(np.float64).tiny))
     cells = np.minimum((points - low) / span * CELLS, CELLS - 1).astype(np.int64)
@@ -160,7 +173,13 @@ def _point(corners: Floats, face: int, u: float, v: float) -> tuple[float, float
 
 
 @compiled_for_reading
-def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess: Ints) -> tuple[Floats, Ints]:
+def _closest(
+    corners: Floats, order: Ints, boxes: Floats, points: Floats, guess: Ints, enough: Floats
+) -> tuple[Floats, Ints]:
+    """Return what `TriangleTree.closest` does. A guess of -1 is the triangle of the point before.
+
+    `enough`, shape (n,), has the squared distances at which searches end.
+    """
     shares = np.empty((len(points), 3))
     faces = np.zeros(len(points), dtype=np.int64)
     waiting, gaps = np.empty(DEPTH, dtype=np.int64), np.empty(DEPTH)
@@ -168,21 +187,22 @@ def _closest(corners: Floats, order: Ints, boxes: Floats, points: Floats, guess:
     for i in range(len(points)):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         least = np.inf
-        # The guess comes first, as a leaf of its own.
+        start = guess[i] if guess[i] >= 0 else faces[max(i - 1, 0)]
+        # The start comes first, as a leaf of its own.
         waiting[0], gaps[0] = 0, 0.0
         waiting[1], gaps[1] = -1, 0.0
         count = 2
-        while count > 0:
+        while count > 0 and least > enough[i]:
             count -= 1
             node = waiting[count]
             if gaps[count] >= least:
                 continue
             # A leaf: its triangles.
             if node < 0 or node >= inner:
-                start = 0 if node < 0 else (node - inner) * LEAF
-                stop = start + 1 if node < 0 else min(start + LEAF, len(order))
-                for position in range(start, stop):
-                    face = guess[i] if node < 0 else order[position]
+                begin = 0 if node < 0 else (node - inner) * LEAF
+                stop = begin + 1 if node < 0 else min(begin + LEAF, len(order))
+                for position in range(begin, stop):
+                    face = start if node < 0 else order[position]
                     u, v = _nearest(corners, face, px, py, pz)
                     x, y, z = _point(corners, face, u, v)
                     square = (x - px) ** 2 + (y - py) ** 2 + (z - pz) ** 2

@@ -226,15 +226,25 @@ def _patch(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> t
         return np.empty(0), np.empty((0, 3))
     curved = first.curved
     points, normals, errors = curved.at(np.eye(3)[first.corners % 3], first.corners // 3)
-    gaps, _, spans = distances_to(second, points, normals, errors, motion)
-    far = gaps > PRECISION + FARTHEST * spans
-    if far.sum() < OUTLIERS:
+    # Most vertices are within their own error of some triangle, which ends their search.
+    moved, near = motion.apply(points), PRECISION + FARTHEST * errors
+    shares, other = second.curved.tree.closest(moved, near=near)
+    closest = np.einsum("nc,ncx->nx", shares, second.curved.corners[other])
+    rows = np.flatnonzero(np.linalg.norm(closest - moved, axis=1) > near)
+    if len(rows) < OUTLIERS:
         return np.empty(0), np.empty((0, 3))
+    gaps, _, spans = distances_to(second, points[rows], normals[rows], errors[rows], motion)
+    over = gaps > PRECISION + FARTHEST * spans
+    rows, gaps = rows[over], gaps[over]
+    if len(rows) < OUTLIERS:
+        return np.empty(0), np.empty((0, 3))
+    far = np.zeros(len(points), dtype=bool)
+    far[rows] = True
     faces = curved.corner_vertices.reshape(-1, 3)
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, patches = component_labels(len(points), sides[far[sides].all(axis=1)])
-    chosen = far & (np.bincount(patches[far], minlength=len(points))[patches] >= OUTLIERS)
-    return gaps[chosen], points[chosen]
+    chosen = np.bincount(patches[rows])[patches[rows]] >= OUTLIERS
+    return gaps[chosen], points[rows[chosen]]
 
 
 def distances_to(

@@ -212,3 +212,9 @@ def test_the_closest_point_is_the_closest_of_all_triangles(count: int, guessed: 
     everywhere = np.tile(np.arange(count), (len(points), 1))
     again = closest_on_triangles(corners, everywhere, points)
     assert_allclose(np.linalg.norm(again - points, axis=1), nearest, atol=1e-12)
+    near = np.random.default_rng(3).uniform(0.0, 2.0, len(points))
+    shares, faces = triangle_tree(corners).closest(points, guess, near)
+    ends = np.linalg.norm(np.einsum("nc,ncx->nx", shares, corners[faces]) - points, axis=1)
+    # A search ends with a point that is near enough, or with the closest one.
+    assert (ends <= np.maximum(near, nearest + 1e-12)).all()
+    assert len(triangle_tree(corners).closest(points[:0])[1]) == 0
