@@ -364,10 +364,10 @@ def delete_shape(session: WriteSession, record: ShapeRecord) -> None:
 
 
 def restore_shape(session: WriteSession, record: ShapeRecord) -> None:
-    """Undo the deletion of a shape."""
+    """Undo the deletion of a shape, which gets the tags of rules as if it came."""
     session.execute(delete(RemovalRow).where(RemovalRow.shape_number == record.number))
-    values = {**_updated_now(), "deleted_at": None, "revision": next_revision(session)}
-    _update(session, record.number, values)
+    _update(session, record.number, {"deleted_at": None, "revision": next_revision(session)})
+    change(session, record.number, {"metadata": record.metadata})
 
 
 def erase_shape(session: WriteSession, record: ShapeRecord) -> None:

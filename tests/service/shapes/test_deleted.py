@@ -136,6 +136,16 @@ def test_a_restored_shape_is_embedded_by_the_pipeline_that_is_active_by_then(ser
     assert answer["results"][0]["shape"]["id"] == shape["id"]
 
 
+def test_a_restored_shape_gets_the_tags_of_rules_that_came_meanwhile(service: Running) -> None:
+    client = service.client
+    shape = service.store(small_file(1), "bird.off", tags="own", metadata='{"material": "Steel"}')["id"]
+    client.delete(f"/shapes/{shape}")
+    assert client.put("/rules", json={"rules": {"material=steel": ["metal"]}}).json()["changed"] == 0
+    assert client.post(f"/shapes/{shape}/restore").json()["tags"] == ["own", "metal"]
+    assert client.get("/shapes", params={"q": "metal"}).json()["total"] == 1
+    client.put("/rules", json={"rules": {}})
+
+
 def test_a_damaged_file_is_not_restored(service: Running) -> None:
     shape = service.store(small_file(1))["id"]
     service.client.delete(f"/shapes/{shape}")
