@@ -552,6 +552,6 @@ class WebhookRow(Table):
     kind: Mapped[str] = mapped_column(String(32), primary_key=True)
     told: Mapped[int]
     id: Mapped[str | None] = mapped_column(String(64))
-    body: Mapped[str | None] = mapped_column(Text)
+    body: Mapped[str | None] = mapped_column(Text, deferred=True)
     attempts: Mapped[int]
     due_at: Mapped[datetime | None] = mapped_column(UtcDateTime)

@@ -28,8 +28,11 @@ from service.storage.tables import (
 MOST = 500
 """Shapes, judgements or jobs that one message tells of."""
 
-FIRST_PAUSE, LONGEST_PAUSE = timedelta(seconds=5), timedelta(hours=1)
-"""The time between the first two attempts to deliver a message, which grows fourfold, and the longest."""
+FIRST_PAUSE, LONGEST_PAUSE = timedelta(seconds=20), timedelta(hours=1)
+"""The time between the first two attempts to deliver a message, which grows fourfold, and the longest.
+
+A receiver has less time to answer, so that no other service sends the message meanwhile.
+"""
 
 ATTEMPTS = 30
 """Attempts to deliver a message, over a day."""
@@ -68,9 +71,12 @@ def waiting(session: ReadSession) -> list[WebhookRow]:
 
 
 def make(session: WriteSession, kind: str, until: int) -> None:
-    """Make a message of the rows of a kind up to a number, unless one waits or there are none to tell of."""
+    """Make a message of the rows of a kind up to a number, unless one waits or there are none to tell of.
+
+    Another service may have told of these rows and of later ones.
+    """
     row = session.scalars(select(WebhookRow).where(WebhookRow.kind == kind).with_for_update()).one()
-    if row.body is not None:
+    if row.body is not None or until <= row.told:
         return
     row.told, items = KINDS[kind][1](session, row.told, until)
     if items:
@@ -79,13 +85,19 @@ def make(session: WriteSession, kind: str, until: int) -> None:
         row.body = json.dumps({"type": kind, "timestamp": now.isoformat(), "data": items})
 
 
+def is_due(row: WebhookRow) -> bool:
+    """Return whether a message is due. A time beyond the longest pause is from a clock that was set back."""
+    now = datetime.now(UTC)
+    return row.due_at is not None and not now < row.due_at <= now + LONGEST_PAUSE
+
+
 def take(session: WriteSession, kind: str) -> Message | None:
     """Count an attempt to deliver the message of a kind, which is due again after a pause.
 
     None if no message is due, as when another service takes it.
     """
     row = session.scalars(select(WebhookRow).where(WebhookRow.kind == kind).with_for_update()).one()
-    if row.body is None or row.id is None or row.due_at is None or row.due_at > datetime.now(UTC):
+    if row.body is None or row.id is None or not is_due(row):
         return None
     row.due_at = datetime.now(UTC) + min(FIRST_PAUSE * 4 ** min(row.attempts, 9), LONGEST_PAUSE)
     row.attempts += 1

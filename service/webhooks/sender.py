@@ -9,7 +9,6 @@ import base64
 import hashlib
 import hmac
 import time
-from datetime import UTC, datetime
 
 import httpx
 
@@ -61,7 +60,7 @@ class Sender:
                 if until.get(row.kind, 0) <= row.told:
                     continue
                 await database.writing(repository.make, row.kind, until[row.kind])
-            elif row.due_at > datetime.now(UTC):
+            elif not repository.is_due(row):
                 continue
             message = await database.writing(repository.take, row.kind)
             if message is not None and (await self._is_delivered(message) or message.attempts >= ATTEMPTS):

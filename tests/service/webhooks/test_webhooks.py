@@ -169,12 +169,38 @@ def test_pauses_grow_and_have_an_end(
                 update(WebhookRow).where(WebhookRow.body.is_not(None)).values(due_at=datetime.now(UTC))
             )
     assert pauses.pop() is None
-    assert pauses == pytest.approx([5, 20, 80, 320, 1280, 3600, 3600], abs=3)
+    assert pauses == pytest.approx([20, 80, 320, 1280, 3600, 3600, 3600], abs=3)
     assert len(receiver.sent) == 8
     receiver.sent.clear()
     telling.running.store(small_file(2), name="b.off")
     telling.look()
     assert [shape["name"] for shape in receiver.messages()["shapes.stored"]] == ["b.off"]
+
+
+def test_a_service_that_has_looked_earlier_tells_nothing_again(telling: Telling, receiver: Receiver) -> None:
+    """Two services share the archive, and one waits for a receiver while the other one goes on."""
+    telling.running.store(small_file(1), name="a.off")
+    with telling.container.database.read() as session:
+        seen = repository.latest(session)["shapes.stored"]
+    telling.running.store(small_file(2), name="b.off")
+    telling.look()
+    assert len(receiver.messages()["shapes.stored"]) == 2
+    with telling.container.database.write() as session:
+        repository.make(session, "shapes.stored", seen)
+    telling.look()
+    assert receiver.sent == []
+
+
+def test_a_clock_that_is_set_back_delays_no_message(telling: Telling, receiver: Receiver) -> None:
+    receiver.statuses = [503]
+    telling.running.store(small_file(1), name="a.off")
+    telling.look()
+    receiver.sent.clear()
+    with telling.container.database.write() as session:
+        later = datetime.now(UTC) + timedelta(days=365)
+        session.execute(update(WebhookRow).where(WebhookRow.body.is_not(None)).values(due_at=later))
+    telling.look()
+    assert len(receiver.messages()["shapes.stored"]) == 1
 
 
 def test_a_changed_message_has_another_signature() -> None:
