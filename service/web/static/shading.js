@@ -15,33 +15,34 @@ const MOST = 64;
  * @param {Pick<Model, "positions" | "indices">} model
  */
 export function cornerNormals({ positions, indices }) {
-  const at = (/** @type {number} */ corner) => positions.subarray(3 * indices[corner], 3 * indices[corner] + 3);
+  const at = (/** @type {number} */ vertex) => [positions[3 * vertex], positions[3 * vertex + 1], positions[3 * vertex + 2]];
   const normals = new Float64Array(indices.length), angles = new Float64Array(indices.length);
   for (let first = 0; first < indices.length; first += 3) {
-    const corners = [at(first), at(first + 1), at(first + 2)];
-    const normal = unit(cross(minus(corners[1], corners[0]), minus(corners[2], corners[0])));
-    normals.set(normal, first);
+    const a = at(indices[first]), b = at(indices[first + 1]), c = at(indices[first + 2]);
+    const sides = [unit(minus(b, a)), unit(minus(c, b)), unit(minus(a, c))];
+    normals.set(unit(cross(sides[0], sides[1])), first);
     for (let k = 0; k < 3; k++) {
-      const one = unit(minus(corners[(k + 1) % 3], corners[k])), two = unit(minus(corners[(k + 2) % 3], corners[k]));
-      angles[first + k] = Math.acos(Math.max(-1, Math.min(1, dot(one, two))));
+      angles[first + k] = Math.acos(Math.max(-1, Math.min(1, -dot(sides[k], sides[(k + 2) % 3]))));
     }
   }
   /** Corners by their place: vertices of one place may be several. @type {Map<string, number[]>} */
-  const meeting = new Map();
-  for (let corner = 0; corner < indices.length; corner++) {
-    const place = at(corner).join();
-    const known = meeting.get(place);
-    if (known) known.push(corner);
-    else meeting.set(place, [corner]);
-  }
-  const found = new Float32Array(3 * indices.length);
-  for (const corners of meeting.values()) {
+  const places = new Map();
+  const meeting = Array.from({ length: positions.length / 3 }, (_, vertex) => {
+    const place = at(vertex).join(), corners = places.get(place) ?? [];
+    places.set(place, corners);
+    return corners;
+  });
+  indices.forEach((vertex, corner) => meeting[vertex].push(corner));
+  const found = new Float32Array(3 * indices.length), sum = [0, 0, 0];
+  for (const corners of places.values()) {
     for (const corner of corners) {
-      const plane = 3 * Math.floor(corner / 3), own = normals.subarray(plane, plane + 3), sum = [0, 0, 0];
+      const own = corner - (corner % 3);
+      sum.fill(0);
       for (const other of corners.length > MOST ? [corner] : corners) {
-        const start = 3 * Math.floor(other / 3), normal = normals.subarray(start, start + 3);
-        if (dot(own, normal) < SHARPEST && other !== corner) continue;
-        for (let k = 0; k < 3; k++) sum[k] += angles[other] * normal[k];
+        const its = other - (other % 3);
+        const cosine = normals[own] * normals[its] + normals[own + 1] * normals[its + 1] + normals[own + 2] * normals[its + 2];
+        if (cosine < SHARPEST && other !== corner) continue;
+        for (let k = 0; k < 3; k++) sum[k] += angles[other] * normals[its + k];
       }
       found.set(unit(sum), 3 * corner);
     }
@@ -51,6 +52,6 @@ export function cornerNormals({ positions, indices }) {
 
 /** @param {number[]} vector */
 function unit(vector) {
-  const length = Math.hypot(...vector);
-  return length > 0 ? vector.map((value) => value / length) : vector;
+  const length = Math.sqrt(dot(vector, vector));
+  return length > 0 ? [vector[0] / length, vector[1] / length, vector[2] / length] : vector;
 }
