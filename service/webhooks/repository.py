@@ -1,7 +1,8 @@
 """The SQL of webhooks: what is new since the last message of a kind, and the message that is not delivered.
 
-Shapes and judgements are numbered in the order of their storing, so that a number is all that is kept of what
-was told. One message tells all that is new, and the next is made when it is delivered or given up.
+One transaction at a time writes, so that shapes and judgements are numbered in the order of their commits,
+and a number is all that is kept of what was told. One message tells all that is new, and the next is made
+when it is delivered or given up.
 """
 
 import json
@@ -70,15 +71,12 @@ def waiting(session: ReadSession) -> list[WebhookRow]:
     return list(session.scalars(select(WebhookRow).order_by(WebhookRow.kind)))
 
 
-def make(session: WriteSession, kind: str, until: int) -> None:
-    """Make a message of the rows of a kind up to a number, unless one waits or there are none to tell of.
-
-    Another service may have told of these rows and of later ones.
-    """
-    row = session.scalars(select(WebhookRow).where(WebhookRow.kind == kind).with_for_update()).one()
-    if row.body is not None or until <= row.told:
+def make(session: WriteSession, kind: str) -> None:
+    """Make a message of the new rows of a kind, unless one waits or there are none to tell of."""
+    row = session.get_one(WebhookRow, kind)
+    if row.body is not None:
         return
-    row.told, items = KINDS[kind][1](session, row.told, until)
+    row.told, items = KINDS[kind][1](session, row.told, latest(session)[kind])
     if items:
         now = datetime.now(UTC)
         row.id, row.attempts, row.due_at = f"msg_{uuid.uuid4().hex}", 0, now
@@ -96,7 +94,7 @@ def take(session: WriteSession, kind: str) -> Message | None:
 
     None if no message is due, as when another service takes it.
     """
-    row = session.scalars(select(WebhookRow).where(WebhookRow.kind == kind).with_for_update()).one()
+    row = session.get_one(WebhookRow, kind)
     if row.body is None or row.id is None or not is_due(row):
         return None
     row.due_at = datetime.now(UTC) + min(FIRST_PAUSE * 4 ** min(row.attempts, 9), LONGEST_PAUSE)

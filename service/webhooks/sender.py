@@ -41,25 +41,21 @@ def headers_of(message: Message, key: bytes, seconds: int) -> dict[str, str]:
 
 
 class Sender:
-    """The sender of an archive's messages. `look` is called again and again.
-
-    It tells of rows that the look before has seen: until then, a transaction with a lesser number may commit.
-    """
+    """The sender of an archive's messages. `look` is called again and again."""
 
     def __init__(self, container: Container, client: httpx.AsyncClient) -> None:
         self._database, self._settings = container.database, container.settings
         self._client = client
-        self._seen: dict[str, int] = {}
 
     async def look(self) -> None:
         """Make the messages of what is new, and deliver those that are due."""
-        database, until = self._database, self._seen
-        self._seen = await database.reading(repository.latest)
+        database = self._database
+        latest = await database.reading(repository.latest)
         for row in await database.reading(repository.waiting):
             if row.due_at is None:
-                if until.get(row.kind, 0) <= row.told:
+                if latest[row.kind] <= row.told:
                     continue
-                await database.writing(repository.make, row.kind, until[row.kind])
+                await database.writing(repository.make, row.kind)
             elif not repository.is_due(row):
                 continue
             message = await database.writing(repository.take, row.kind)
