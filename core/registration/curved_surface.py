@@ -210,7 +210,8 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     lengths = np.linalg.norm(vertices[ends[:, 1]] - vertices[ends[:, 0]], axis=1)
     areas = 0.5 * np.linalg.norm(face_normals(corners, unit=False), axis=1)
     widths = 2.0 * np.minimum(areas[faces], areas[others]) / np.maximum(lengths, TINY)
-    angles = np.where(bent, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
+    turns = np.where(folded, np.arccos(np.clip(cosines, -1.0, 1.0)), 0.0)
+    angles = np.where(bent, turns, 0.0)
     both = np.concatenate([faces, others])
     chord = _sums(both, np.tile(0.5 * widths * np.tan(0.25 * angles), 2), len(corners))
     regions = _regions(len(corners), faces[smooth], others[smooth])
@@ -223,14 +224,14 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
     errors = np.maximum(chord, means[regions])
-    # Even meshes do not follow edges and tips, at which they bend.
+    # Even meshes do not follow edges and tips, at which they bend smoothly or sharply.
     loose = _scattered(
         corners,
         areas,
         np.concatenate([faces[bent], others[bent]]),
         np.concatenate([faces[folded], others[folded]]),
     )
-    bends = np.minimum(_sums(both, np.tile(angles, 2), len(corners)), STEEPEST)
+    bends = np.minimum(_sums(both, np.tile(turns, 2), len(corners)), STEEPEST)
     heights = SPACING * edge_lengths(corners).mean(axis=1) * np.tan(0.5 * bends)
     errors = np.where(loose, np.maximum(errors, heights), errors)
     # The largest error around each vertex.

@@ -300,6 +300,22 @@ def test_a_smooth_bump_or_dent_on_an_even_mesh_makes_a_variant(
     assert found.difference.distance == pytest.approx(abs(height), rel=0.1)
 
 
+@pytest.mark.parametrize("bend", [60.0, 90.0])
+def test_even_meshes_whose_vertices_follow_no_edge_are_copies(bend: float) -> None:
+    """Scans of a lens: spherical caps that meet at a rim, at an angle that triangles do not follow."""
+    middle = np.cos(0.5 * np.radians(bend))
+    lenses = []
+    for seed in (1, 2):
+        ball = moved(even("sphere", 4), seed).vertices - [2.0, 0.0, -3.0]
+        ways = ball / np.linalg.norm(ball, axis=1)[:, None]
+        heights = middle * np.abs(ways[:, 2])
+        radii = np.sqrt(1.0 - middle**2 + heights**2) - heights
+        lenses.append(Mesh(50.0 * radii[:, None] * ways * [1.0, 0.8, 1.0], even("sphere", 4).faces))
+    surfaces = probed_surface(lenses[0]), probed_surface(moved(lenses[1], 3, scale=2.0))
+    ends = lenses[0].vertices, moved(lenses[0], 3, scale=2.0).vertices
+    assert copy_by_surfaces(*surfaces, ends) == a_copy(2.0, mirrored=False, rel=0.01)
+
+
 def test_a_hole_of_a_hundredth_of_the_length_makes_a_variant() -> None:
     """Few probes lie on its eight facets."""
     plate = Manifold.cube((100.0, 70.0, 5.0))
