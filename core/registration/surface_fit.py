@@ -176,7 +176,8 @@ class LocalDeviation:
     rms : float
         Root mean square distance of the probes that are spread by area.
     points : float64, shape (k, 3)
-        The probes that deviate, on the first surface at unit area, the farthest first.
+        The probes that deviate, or vertices side by side if few probes do, on the first surface at unit area,
+        the farthest first.
     """
 
     within: bool
