@@ -23,12 +23,11 @@ const WORDS = {
 export const copyVerdict = ({ likeness, scale }) => WORDS[likeness] + (likeness === "same" ? "" : size(scale));
 
 /**
- * Such as "Same part, 1.5 times as large", "Another pose, 0.996" or "Similar: 91 %".
+ * Such as "Same part, 1.5 times as large", "Another pose" or "Similar: 91 %".
  * @param {Scores} scores
  */
 export function verdict(scores) {
   if (scores.instances) return scores.instances.text;
-  if (scores.likeness === "pose") return `${WORDS.pose}, ${digits(scores.cc)}`;
   const copy = !["similar", "weak"].includes(scores.likeness);
   return copy ? copyVerdict(scores) : `${WORDS[scores.likeness]}: ${percent(scores.combined)}`;
 }
@@ -47,7 +46,7 @@ function percent(share) {
  * A score with three digits; close to 1, with as many as tell it from 1.
  * @param {number} value
  */
-export const digits = (value) => value < 0.9995 || value >= 1 ? value.toFixed(3)
+const digits = (value) => value < 0.9995 || value >= 1 ? value.toFixed(3)
   : value.toFixed(Math.min(6, Math.ceil(-Math.log10(1 - value))));
 
 /** @type {["cc" | "ssd" | "sim" | "combined", string][]} */

@@ -30,7 +30,7 @@ from tests.soak.browser.support import (
 def verdict(result: dict) -> str:
     """The line that a result has on the page."""
     if result["likeness"] == "pose":
-        return f"Another pose, {result['cc']:.3f}"
+        return "Another pose"
     probability = result["combined"]
     bounded = "under 1 %" if probability < 0.01 else "over 99 %" if probability > 0.99 else None
     return f"{result['likeness'].capitalize()}: {bounded or f'{100 * probability:.0f} %'}"
