@@ -119,7 +119,8 @@ async def undo_merge(
 ) -> Undone:
     """Restore all shapes that a merge deleted, and give those that stayed their former tags and metadata.
 
-    A group is `left` if one of its shapes is gone or its name taken. A call that fails can be repeated.
+    A group is `left` if one of its shapes is gone or its name taken, or if the shape that stayed was merged
+    again later. A call that fails can be repeated.
     """
     async with container.queue.admitted(request):
         return await while_connected(request, merges.undo(container, collection.number, merge_id))

@@ -45,6 +45,13 @@ def of_id(
     return [(each.number, Merge(each.shape, each.tags, each.meta, each.deleted)) for each in rows]
 
 
+def latest(session: ReadSession, collection: CollectionNumber, shapes: Sequence[str]) -> dict[str, int]:
+    """Return the number of the latest merge of each of some shapes that stayed."""
+    row = DuplicateMergeRow
+    query = select(row.shape, func.max(row.number)).where(row.collection_number == collection)
+    return dict(session.execute(query.where(row.shape.in_(shapes)).group_by(row.shape)).all())
+
+
 def page(
     session: ReadSession, collection: CollectionNumber, *, after: int, limit: int
 ) -> Sequence[DuplicateMergeRow]:

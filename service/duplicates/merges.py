@@ -130,8 +130,9 @@ def _differ(shapes: Sequence[ShapeRecord], decided: Mapping[Pair, Decision]) -> 
 async def undo(container: Container, collection: CollectionNumber, act: str) -> Undone:
     """Restore the shapes that a merge deleted, and give those that stayed their former tags and metadata.
 
-    A group is left if one of its shapes is gone, or if the file of a deleted shape was stored again under its
-    name. A call that fails can be repeated: it goes on with the groups that are not restored.
+    A group is left if one of its shapes is gone, if the file of a deleted shape was stored again under its
+    name, or if the shape that stayed was merged again: the tags of that merge would come back. A call that
+    fails can be repeated: it goes on with the groups that are not restored.
 
     Raises
     ------
@@ -142,7 +143,12 @@ async def undo(container: Container, collection: CollectionNumber, act: str) -> 
     after, groups = 0, 0
     left: list[LeftGroup] = []
     while rows := await reading(merge_repository.of_id, collection, act, after=after, limit=AT_ONCE):
+        latest = await reading(merge_repository.latest, collection, [row.shape for _, row in rows])
         for number, row in rows:
+            if latest.get(row.shape, number) > number:
+                again = f"{row.shape} was merged again later: undo that merge first"
+                left.append(LeftGroup(shapes=[row.shape, *row.deleted], reason=again))
+                continue
             try:
                 await _undo(container, collection, number, row)
                 groups += 1

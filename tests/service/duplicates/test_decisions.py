@@ -265,6 +265,20 @@ def test_one_call_undoes_the_merge_of_all_groups_by_a_rule(
     assert service.client.get("/duplicates/merges").json()["total"] == 0
 
 
+def test_merges_of_one_shape_are_undone_from_the_last_one(service: Running, copies: list[str]) -> None:
+    first, *others = copies[:3]
+    with Client(str(service.client.base_url)) as client:
+        before = list(client.shapes())
+        one, two = (client.merge([first, other], keep=first).id for other in others)
+        assert one is not None
+        assert two is not None
+        early = client.undo_merge(one)
+        assert (early.groups, [left.shapes for left in early.left]) == (0, [[first, others[0]]])
+        assert [client.undo_merge(each).groups for each in (two, one)] == [1, 1]
+        former = {shape.id: (shape.tags, shape.metadata) for shape in before}
+        assert {shape.id: (shape.tags, shape.metadata) for shape in client.shapes()} == former
+
+
 def test_a_merge_for_good_has_no_undo(service: Running, copies: list[str]) -> None:
     with service.container.database.write() as session:
         merged = merges.merge(session, DEFAULT_COLLECTION.number, copies[:2], "oldest", timedelta(0))
