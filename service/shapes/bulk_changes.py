@@ -55,13 +55,14 @@ def change(
 
 def tag_by_rules(session: WriteSession, collection: CollectionNumber, numbers: list[int]) -> int:
     """Give some shapes the tags of the rules that their metadata meet; return how many changed."""
-    changed = 0
+    changed = {}
     for record in repository.records(session, collection, numbers):
         tags = with_rules(session, collection, record.tags, record.metadata)
         if tags != list(record.tags):
-            repository.change(session, record.number, {"tags": tags})
-            changed += 1
-    return changed
+            changed[record.number] = tags
+    if changed:
+        repository.set_tags(session, changed)
+    return len(changed)
 
 
 def _changes(record: ShapeRecord, wanted: BulkChange) -> dict[str, Any]:

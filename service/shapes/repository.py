@@ -321,6 +321,16 @@ def change(session: WriteSession, number: int, changes: Mapping[str, Any]) -> No
     index_words(session, [number])
 
 
+def set_tags(session: WriteSession, tags: Mapping[int, Sequence[str]]) -> None:
+    """Write the tags of some shapes, given by their numbers."""
+    session.execute(delete(TagRow).where(TagRow.shape_number.in_(tags)))
+    for number, own in tags.items():
+        _write_tags(session, number, own)
+    session.execute(update(ShapeRow).where(ShapeRow.number.in_(tags)).values(_updated_now()))
+    _store_checksums(session, list(tags))
+    index_words(session, tags)
+
+
 def _tags_by_rules(session: WriteSession, number: int, changes: Mapping[str, Any]) -> list[str]:
     """Return the tags of a shape whose metadata change, with those of the rules that the metadata meet."""
     collection = session.scalars(select(ShapeRow.collection_number).where(ShapeRow.number == number)).one()
