@@ -1,5 +1,6 @@
 """Rigid copies, mirror images and variants, told by samples and by surfaces."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -360,6 +361,16 @@ def test_a_plate_of_another_thickness_is_a_variant_on_every_mesh(
     assert found.difference.distance == pytest.approx(1.0, abs=0.03)
     sides = [[100.0, 60.0, 5.0], [100.0, 60.0, thickness]]
     assert np.abs(np.subtract(found.difference.sides, sides)).max() <= 0.01
+
+
+def test_a_hexagon_of_another_thickness_is_a_variant_by_its_own_matches() -> None:
+    """One side coincides from the start, and most probes are at the edges of the other."""
+    outline = [(35.0 * math.cos(angle), 35.0 * math.sin(angle)) for angle in np.radians(range(0, 360, 60))]
+    found = by_surfaces(*(mesh_of(extruded(outline, thickness)) for thickness in (5.0, 6.0)))
+    assert found is not None
+    assert found.difference is not None
+    assert found.difference.distance == pytest.approx(1.0, abs=0.03)
+    assert found.scale == pytest.approx(1.0, rel=1e-4)
 
 
 def test_a_variant_says_where_it_differs_and_how_much() -> None:
