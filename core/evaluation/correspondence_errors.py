@@ -165,8 +165,8 @@ class KnownMesh(PreparedMesh):
     """A clean mesh whose correspondence with a template is known.
 
     `truth`, shape (g, t), has for each measured vertex of the template the vertex of the mesh that is it, and
-    if it is known, in a second row, the vertex that is its mirror image. `distances`, float32 of shape (g, t,
-    n), are geodesic, of all vertices from those, over the root of the area.
+    if it is known, in a second row, the vertex that is its mirror image. `distances`, float32 of shape
+    (g, t, n), are geodesic, of all vertices from those, over the root of the area.
     """
 
     mesh: Mesh

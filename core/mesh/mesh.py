@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 class Mesh:
     """A triangle mesh: a frozen, validated pair of read-only arrays.
 
-    `vertices`, float64 of shape (n, 3), are positions in the file's own units; `faces`, int64 of shape (f,
-    3), are rows of three indices into them. Raise MalformedMeshError if an array has the wrong shape, or an
-    index is not an integer in 0 .. n - 1, NonFiniteCoordinatesError if a coordinate is NaN or infinite, and
-    NoTrianglesError if there are no faces.
+    `vertices`, float64 of shape (n, 3), are positions in the file's own units; `faces`, int64 of shape
+    (f, 3), are rows of three indices into them. Raise MalformedMeshError if an array has the wrong shape, or
+    an index is not an integer in 0 .. n - 1, NonFiniteCoordinatesError if a coordinate is NaN or infinite,
+    and NoTrianglesError if there are no faces.
     """
 
     vertices: Floats
