@@ -82,10 +82,13 @@ def embed_unless_cube(mesh: Mesh, *arguments: Any) -> Embedded:
     return embed_mesh(mesh, *arguments)
 
 
-def napping(pool: LocalPool) -> bool:
-    """Whether a process has `nap_instead` to run, which a request's earlier tasks may precede."""
-    tasks = [slot.task for slot in pool._slots]
-    return any(task is not None and task.function is nap_instead and not task.arguments for task in tasks)
+def napping(pool: LocalPool) -> int | None:
+    """The process that has `nap_instead` to run, which a request's earlier tasks may precede."""
+    for slot in pool._slots:
+        task = slot.task
+        if task is not None and task.function is nap_instead and not task.arguments:
+            return slot.pid
+    return None
 
 
 def refuse(message: str) -> None:
