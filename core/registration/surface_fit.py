@@ -87,7 +87,7 @@ def fitted(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> S
 def slid(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> list[Similarity]:
     """Return transforms that slide the first surface either way until sides that are apart coincide.
 
-    Of a thicker plate one side coincides then, and not both half.
+    One side of a thicker plate then coincides; without the slide both sides are half a step apart.
     """
     points, normals = first.points[-SPREAD:], first.normals[-SPREAD:] @ motion.rotation.T
     moved = motion.apply(points)

@@ -123,6 +123,7 @@ def _stored(session: ReadSession, told: int, until: int) -> Items:
 
 
 def _named(shape: ShapeRow) -> Item:
+    """Return the id and the name of a shape."""
     return {"id": shape.id, "name": shape.name}
 
 
