@@ -94,8 +94,8 @@ def test_a_job_is_done(clocked: Running, monkeypatch: pytest.MonkeyPatch) -> Non
         for shown in client.get("/jobs").json()["jobs"]:
             done = ended(client, shown["id"])
             assert (done["state"], done["counts"]["stored"]) == ("done", 1)
-    names = [shape["name"] for shape in client.get("/shapes").json()["shapes"]]
-    assert names == ["7.off", "8.off"]
+    # Jobs of two clients run side by side, and either may end first.
+    assert {shape["name"] for shape in client.get("/shapes").json()["shapes"]} == {"7.off", "8.off"}
     clocked.clear()
 
 
