@@ -17,6 +17,7 @@ from typing import Any
 
 from service.compute.worker_loop import THREADS, decode, serve
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerCrashedError, WorkerLostError
+from service.settings import PREFIX
 
 LOADED = ["service.compute.warm_start", "trimesh"]
 """The modules of the tasks; trimesh is otherwise imported when the first STL, PLY or GLB is written."""
@@ -35,6 +36,25 @@ CRASHES = {signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.
 _starting = threading.Lock()
 
 
+@contextmanager
+def _environment_of_workers() -> Iterator[None]:
+    """Have the environment that the fork server inherits if it starts during the block; one block at a time.
+
+    Libraries read the number of threads when they load, in the fork server. Settings may be secrets, and
+    readers of hostile files are its children.
+    """
+    with _starting:
+        own = {name for name in os.environ if name in THREADS or name.upper().startswith(PREFIX)}
+        kept = {name: os.environ.pop(name) for name in own}
+        os.environ.update(dict.fromkeys(THREADS, "1"))
+        try:
+            yield
+        finally:
+            for name in THREADS:
+                del os.environ[name]
+            os.environ.update(kept)
+
+
 def fork_server() -> ForkServerContext | SpawnContext:
     """Start the fork server if it does not run, and return the context that starts worker processes.
 
@@ -45,19 +65,9 @@ def fork_server() -> ForkServerContext | SpawnContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    with _starting:
+    with _environment_of_workers():
         context.set_forkserver_preload(LOADED)
-        kept = {name: os.environ.get(name) for name in THREADS}
-        # Libraries read the number of threads when they load, in the fork server.
-        os.environ.update(dict.fromkeys(THREADS, "1"))
-        try:
-            forkserver.ensure_running()
-        finally:
-            for name, value in kept.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
+        forkserver.ensure_running()
     return context
 
 
@@ -102,7 +112,8 @@ def _started(arguments: dict[str, Any]) -> BaseProcess:
     for tries_left in reversed(range(3)):
         process = fork_server().Process(**arguments, daemon=True)
         try:
-            with _fork_server_goes_on():
+            # A fork server that has just died is started again by this call.
+            with _environment_of_workers(), _fork_server_goes_on():
                 process.start()
         except (EOFError, OSError) as error:
             if not tries_left:

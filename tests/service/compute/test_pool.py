@@ -20,6 +20,7 @@ from service.compute.cluster import ClusterPool
 from service.compute.pool import LocalPool
 from service.compute.worker_loop import NICENESS
 from service.errors import TaskGivenUpError, TaskTimeLimitError, WorkerLostError
+from service.settings import PREFIX
 from tests.service.dask_cluster import cluster
 from tests.service.support import children, wait_until
 from tests.service.tasks import (
@@ -94,6 +95,22 @@ def test_workers_have_one_thread_and_ignore_interrupts(workers: Pool) -> None:
     assert set(seen["threads"].values()) == {"1"}
     os.kill(seen["pid"], signal.SIGINT)
     assert workers.submit(add, 1, 1).result() == 2
+
+
+def test_fork_server_and_workers_inherit_no_setting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settings may be secrets, and what a process was started with stays readable in it."""
+    settings = {"ISOSHAPE_WEBHOOK_SECRET": "whsec_a", "isoshape_database_url": "postgresql://a:b@c/d"}
+    for name, value in (settings | {"OTHER": "kept"}).items():
+        monkeypatch.setenv(name, value)
+    processes.fork_server()
+    os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
+    with LocalPool(1, seconds=60, warm=warm) as pool:
+        assert pool.submit(add, 1, 1).result() == 2
+        for pid in (fork_server_of(pool), *pool.pids()):
+            inherited = psutil.Process(pid).environ()
+            assert inherited["OTHER"] == "kept"
+            assert not [name for name in inherited if name.upper().startswith(PREFIX)]
+    assert dict(os.environ).items() >= settings.items()
 
 
 def test_both_workers_work_at_a_time(tmp_path: Path) -> None:
