@@ -81,6 +81,8 @@ class Helper:
                         getattr(runs, name)(said.update, *arguments)
                     except Exception:
                         said["faults"] = [traceback.format_exc()]
+                    # A thread that is late must not close its connection in the folder of the next run.
+                    join_threads()
                     end.send(said)
             os._exit(0)
         end.close()
@@ -90,6 +92,13 @@ class Helper:
         self._connection.send((name, *arguments))
         assert self._connection.poll(RUN_SECONDS), f"{name} {arguments} stands still"
         return dict(self._connection.recv())
+
+
+def join_threads() -> None:
+    """Wait until this process has one thread, and no connection that another holds."""
+    for thread in threading.enumerate()[1:]:
+        thread.join(JOB_SECONDS)
+    assert threading.active_count() == 1
 
 
 def forked(work: Callable[[Say], None]) -> Said:
@@ -141,9 +150,7 @@ class Runs:
             self.renew(change)
             self._make(lambda **_: None, change, NONE, None)
         # Threads do not survive a fork.
-        for thread in threading.enumerate()[1:]:
-            thread.join(JOB_SECONDS)
-        assert threading.active_count() == 1
+        join_threads()
         gc.collect()
         # A child that collects garbage would copy the memory of all modules.
         gc.freeze()
