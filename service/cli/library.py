@@ -1,5 +1,7 @@
 """`isoshape library`: folders whose mesh files are shapes and stay where they are."""
 
+from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,7 +12,7 @@ from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client
 from service.console import fail, output, progress, say, table
 from service.shapes.fields import split_tags
-from service.sources.schemas import Source
+from service.sources.schemas import FileState, Source
 
 Action = Literal["list", "add", "rule", "rescan", "confirm", "equal", "remove"]
 
@@ -55,7 +57,7 @@ def library_command(
     folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
     `confirm` says that the files are gone for good. `equal` prints the files that are there more than once,
     with an empty line between shapes. `remove` deletes the shapes of a source; for a time,
-    `isoshape restore` brings them back.
+    `isoshape restore` brings them back. Scans print the refused files that are new, `list NAME` all of them.
 
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
@@ -66,10 +68,13 @@ def library_command(
         fail("library rule needs --rule; --rule '' takes all rules away", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
         if action == "list":
-            listed = client.sources().sources
+            listed = client.sources().sources if target is None else [_named(client, target)]
             _print(listed)
             if not listed:
                 say("no folders yet; `isoshape library add FOLDER` has the meshes of a folder here")
+            for source in listed if target is not None else ():
+                for path, reason in _refused(client, source).items():
+                    say(f"{path}: {reason}")
         elif action == "add":
             folder = str(Path(target or "").absolute())
             added = client.add_source(
@@ -83,12 +88,16 @@ def library_command(
                 listed_rules.add_row(condition, ", ".join(given))
             output().print(listed_rules)
         elif action == "rule":
-            _follow(client, [client.set_source_rules(_named(client, target or "").id, _rules(rule or []))])
+            _follow(
+                client,
+                [_named(client, target or "")],
+                partial(client.set_source_rules, rules=_rules(rule or [])),
+            )
         elif action == "rescan":
             wanted = client.sources().sources if target is None else [_named(client, target)]
-            _follow(client, [client.rescan_source(source.id) for source in wanted])
+            _follow(client, wanted, client.rescan_source)
         elif action == "confirm":
-            _follow(client, [client.confirm_source(_named(client, target or "").id)])
+            _follow(client, [_named(client, target or "")], client.confirm_source)
         elif action == "equal":
             source = _named(client, target or "")
             for number, (_, files) in enumerate(
@@ -119,8 +128,16 @@ def _named(client: Client, target: str) -> Source:
     fail(f"there is no source {target!r}; `isoshape library list` lists them")
 
 
-def _follow(client: Client, sources: list[Source]) -> None:
-    """Show scans until they have ended, then what the sources have; status 1 if one is offline."""
+def _follow(client: Client, sources: list[Source], ask: Callable[[str], Source] | None = None) -> None:
+    """Show scans until they have ended, then what the sources have; status 1 if one is offline.
+
+    The scans are asked for, unless they have begun. Files that were refused before that, for the same reason,
+    are only counted.
+    """
+    before: dict[str, dict[str, str]] = {}
+    if ask is not None:
+        before = {source.id: _refused(client, source) for source in sources}
+        sources = [ask(source.id) for source in sources]
     ended = []
     for source in sources:
         with progress() as bar:
@@ -130,13 +147,29 @@ def _follow(client: Client, sources: list[Source]) -> None:
         ended.append(now)
     _print(ended)
     for source in ended:
-        for file in client.source_files(source.id, state="refused"):
-            if file.problem is not None:
-                say(f"{source.path}/{file.path}: {file.problem.detail}")
-        for path, reason in source.scan.unread.items():
-            say(f"{source.path}/{path}: {reason}")
+        known = 0
+        for path, reason in _refused(client, source).items():
+            if before.get(source.id, {}).get(path) == reason:
+                known += 1
+            else:
+                say(f"{path}: {reason}")
+        if known:
+            files = "file is" if known == 1 else "files are"
+            say(f"{source.name}: {known} {files} refused as before; `isoshape library list {source.name}`")
     if any(source.state == "offline" for source in ended):
         raise typer.Exit(1)
+
+
+def _refused(client: Client, source: Source) -> dict[str, str]:
+    """Return the reasons why files of a source are no shapes, by their paths."""
+    states: tuple[FileState, ...] = ("refused", "unreadable")
+    reasons = {
+        file.path: file.problem.detail
+        for state in states
+        for file in client.source_files(source.id, state=state)
+        if file.problem is not None
+    }
+    return {f"{source.path}/{path}": reason for path, reason in (reasons | source.scan.unread).items()}
 
 
 def _print(sources: list[Source]) -> None:

@@ -28,7 +28,14 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     (shape,) = archive.shapes()
     assert (shape.name, shape.tags) == ("a.off", TAGS[:-1])
     put(folder / "deep" / "copy.off", small_file(1))
-    assert run("library", "rescan", *at).status == 0
+    put(folder / "worse.off", b"no mesh either")
+    rescan = run("library", "rescan", *at)
+    assert (rescan.status, f"{folder}/worse.off: " in rescan.stderr) == (0, True)
+    assert f"{folder}/bad.off" not in rescan.stderr
+    assert "models: 1 file is refused as before; `isoshape library list models`" in rescan.stderr
+    listed = run("library", "list", "models", *at).stderr
+    assert [f"{folder}/{path}: " in listed for path in ("bad.off", "worse.off")] == [True, True]
+    (folder / "worse.off").unlink()
     places = {f"in the library {folder}/{path}" for path in ("a.off", "deep/copy.off")}
     assert places <= set(run("show", "a.off", *at).stdout.splitlines())
     (source,) = archive.sources().sources
