@@ -46,6 +46,7 @@ from service.storage.tables import (
     MetadataRow,
     RemovalRow,
     ShapeRow,
+    SourceFileRow,
     TagRow,
 )
 
@@ -351,7 +352,8 @@ def replace_file(session: WriteSession, record: ShapeRecord, format: str, file: 
 def move_shape(session: WriteSession, record: ShapeRecord, collection: CollectionNumber, name: str) -> None:
     """Move a shape to another collection, where it has a name and another number.
 
-    What is kept by its old number goes, in the database and in the memory of every process.
+    What is kept by its old number goes, in the database and in the memory of every process. Its files in
+    place stay its own.
     """
     columns = select(ShapeRow.__table__).where(ShapeRow.number == record.number)
     row = dict(session.execute(columns).mappings().one())
@@ -362,6 +364,8 @@ def move_shape(session: WriteSession, record: ShapeRecord, collection: Collectio
     number = session.insert(ShapeRow, row)
     _write_tags(session, number, with_rules(session, collection, record.tags, record.metadata))
     _write_plain_values(session, number, record.metadata)
+    of_shape = SourceFileRow.shape_number == record.number
+    session.execute(update(SourceFileRow).where(of_shape).values(shape_number=number))
     index_words(session, [number])
     erase_shape(session, record)
     _update(session, number, {**_updated_now(), "id": record.id})

@@ -121,7 +121,7 @@ def files(
         other = aliased(SourceFileRow)
         twin = select(other.number).join(SourceRow, SourceRow.number == other.source_number)
         twin = twin.where(other.shape_number == SourceFileRow.shape_number, other.state == "present", _KEPT)
-        twin = twin.where(other.number != SourceFileRow.number)
+        twin = twin.where(other.number != SourceFileRow.number).correlate(SourceFileRow)
         wanted += [SourceFileRow.state == "present", twin.exists()]
         order.insert(0, SourceFileRow.shape_number)
         if after:
@@ -134,10 +134,11 @@ def files(
         shape_number = select(ShapeRow.number).where(ShapeRow.id == shape_id).scalar_subquery()
         wanted.append(SourceFileRow.shape_number == shape_number)
     total = session.scalars(select(func.count()).select_from(SourceFileRow).where(*wanted)).one()
-    shape = ShapeRow.number == SourceFileRow.shape_number
+    shape = (ShapeRow.number == SourceFileRow.shape_number) & NOT_DELETED
     query = (
         select(SourceFileRow, ShapeRow.id)
-        .outerjoin(ShapeRow, shape & NOT_DELETED)
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .outerjoin(ShapeRow, shape & (ShapeRow.collection_number == SourceRow.collection_number))
         .where(*wanted, following)
         .order_by(*order)
         .limit(limit)
@@ -359,16 +360,22 @@ def some_files(session: ReadSession, number: int, after: int, limit: int) -> Seq
 
 
 def lone_shapes(session: ReadSession, numbers: Collection[int]) -> list[ShapeRecord]:
-    """Return the shapes that sources stored for some files, and that no other file of a source has."""
+    """Return the shapes that sources stored for some files, and that no other file of a source has.
+
+    A shape that was moved to another collection than that of the source is left out.
+    """
     other = SourceFileRow.__table__.alias()
     elsewhere = (
         select(other.c.number)
         .join(SourceRow, SourceRow.number == other.c.source_number)
         .where(other.c.shape_number == SourceFileRow.shape_number, other.c.number.not_in(numbers), _KEPT)
+        .correlate(SourceFileRow)
     )
     query = (
         select(ShapeRow.collection_number, ShapeRow.number)
         .join(SourceFileRow, SourceFileRow.shape_number == ShapeRow.number)
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .where(ShapeRow.collection_number == SourceRow.collection_number)
         .where(SourceFileRow.number.in_(numbers), SourceFileRow.owned, NOT_DELETED, ~elsewhere.exists())
         .distinct()
     )

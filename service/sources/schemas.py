@@ -173,7 +173,9 @@ class SourceFile(BaseModel):
     path: str = Field(description="The path from the folder of the source.")
     bytes: int
     state: FileState
-    shape_id: str | None = Field(description="The shape; null if the file has none, or it was deleted.")
+    shape_id: str | None = Field(
+        description="The shape; null if the file has none, or it was deleted or moved to another collection."
+    )
     missing_since: datetime | None = Field(description="UTC.")
     problem: Cause | None = Field(description="The reason why the file was refused, or cannot be read.")
 

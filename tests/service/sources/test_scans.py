@@ -19,7 +19,7 @@ from service.storage.in_place import open_beneath
 from service.storage.tables import ShapeRow, SourceRow
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
-from tests.service.support import Running, assert_problem, small_file
+from tests.service.support import Running, assert_problem, small_file, working_in
 
 pytestmark = on_both
 
@@ -281,6 +281,30 @@ def test_what_cannot_be_read_is_told_and_keeps_its_shape(
     put(root / "b.off.tmp", small_file(7)).rename(root / "inner" / "b.off")
     assert library.rescan()["counts"] == {"present": 3, "missing": 0, "refused": 0, "unreadable": 0}
     assert library.shapes()["inner/b.off"] == shapes["inner/b.off"]
+
+
+def test_a_shape_that_moves_to_another_collection_and_back_keeps_its_path(
+    library: Library, root: Path
+) -> None:
+    """While it is elsewhere, the source shows no shape, and a changed file does not touch it."""
+    running, shapes = library.running, library.shapes()
+    b, a = shapes["inner/b.off"], shapes["a.off"]
+    with working_in(running, "elsewhere") as elsewhere:
+        for shape in (a, b):
+            moved = running.client.patch(f"/shapes/{shape}", json={"collection": "elsewhere"})
+            assert moved.status_code == 200, moved.text
+        assert set(library.shapes().values()) == {None}
+        assert library.rescan()["scan"]["done"] == 0
+        assert elsewhere.client.get(f"/shapes/{b}/file").content == small_file(2)
+        back = elsewhere.client.patch(f"/shapes/{b}", json={"collection": "default"})
+        assert back.status_code == 200, back.text
+        assert set(library.files(shape_id=b)) == {"inner/b.off"}
+        put(root / "a.off", small_file(9))
+        put(root / "inner" / "copy of a.off", small_file(9))
+        assert library.rescan()["scan"]["stored"] == 1
+        assert library.shapes()["a.off"] == library.shapes()["inner/copy of a.off"] not in {None, a}
+        assert elsewhere.client.get(f"/shapes/{a}").status_code == 200
+        elsewhere.clear()
 
 
 def test_a_deleted_shape_stays_deleted_until_its_file_changes(library: Library, root: Path) -> None:
