@@ -325,20 +325,36 @@ def others_with(session: ReadSession, shape_number: int, number: int) -> int:
     return session.scalar(query) or 0
 
 
-def present_paths(
-    session: ReadSession, shapes: Iterable[int], besides: Collection[int]
-) -> dict[int, list[str]]:
-    """Return the paths of the present files of shapes, besides those of some files, by shape."""
+def with_other_files(session: ReadSession, shapes: Iterable[int], besides: Collection[int]) -> set[int]:
+    """Return those of some shapes that have files, not missing, besides some."""
     query = (
-        select(SourceFileRow.shape_number, SourceFileRow.path, SourceFileRow.number)
+        select(SourceFileRow.shape_number, SourceFileRow.number)
         .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
         .where(SourceFileRow.shape_number.in_(list(shapes)), SourceFileRow.state != "missing", _KEPT)
     )
-    paths: dict[int, list[str]] = {}
-    for shape, path, number in session.execute(query):
-        if number not in besides and shape is not None:
-            paths.setdefault(shape, []).append(path)
-    return paths
+    return {shape for shape, number in session.execute(query) if shape is not None and number not in besides}
+
+
+def first_paths(session: ReadSession, shapes: Iterable[int]) -> dict[int, str]:
+    """Return the path of the first file of shapes that sources stored, by shape.
+
+    The files of a shape are in the order of their sources, then of their paths.
+    """
+    files = SourceFileRow.__table__.alias()
+    first = (
+        select(files.c.number)
+        .join(SourceRow, SourceRow.number == files.c.source_number)
+        .where(files.c.shape_number == ShapeRow.number, _KEPT)
+        .order_by(files.c.source_number, files.c.key)
+        .limit(1)
+        .scalar_subquery()
+    )
+    query = (
+        select(ShapeRow.number, SourceFileRow.path)
+        .join(SourceFileRow, SourceFileRow.number == first)
+        .where(ShapeRow.number.in_(list(shapes)), SourceFileRow.owned)
+    )
+    return {shape: path for shape, path in session.execute(query)}  # noqa: C416
 
 
 def missing_until(session: ReadSession, number: int, moment: datetime, limit: int) -> Sequence[int]:

@@ -7,7 +7,6 @@ files come first, then new paths, then vanished files: a file that was moved has
 import threading
 import time
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -22,18 +21,15 @@ from core.errors import CoreError
 from service.collection import CollectionNumber
 from service.compute.request_queue import together
 from service.container import Container
-from service.errors import NameTakenError, ServiceError
+from service.errors import ServiceError
 from service.shapes import repository as shapes_repository
-from service.shapes import service as shapes_service
-from service.shapes.fields import base_name, clean_name
 from service.shapes.records import NewFile
-from service.shapes.schemas import ShapeChanges
 from service.sources import repository
 from service.sources.comparison import Differences, compare, has_lost_half, same_files
 from service.sources.reading import FileInMotionError
 from service.sources.repository import AT_ONCE, READ_AT_ONCE, KnownFile
 from service.sources.schemas import Scan as Report
-from service.sources.storing import FileStorer, Places, format_at, keep
+from service.sources.storing import FileStorer, Places, format_at, keep, named_by_paths
 from service.sources.walk import FoundFile, RootMissingError, Tree, find_files
 from service.storage.database import ReadSession, WriteSession
 from service.storage.tables import SourceRow
@@ -227,7 +223,8 @@ class SourceScan:
 
     def _add_all(self, session: WriteSession, rows: Sequence[dict[str, Any]]) -> None:
         repository.require(session, self._source.number)
-        repository.add_all(session, rows)
+        with named_by_paths(session, self._collection, (row["shape_number"] for row in rows)):
+            repository.add_all(session, rows)
 
     def _exchange(
         self, session: WriteSession, found: FoundFile, known: KnownFile, mover: KnownFile, file: NewFile
@@ -237,8 +234,9 @@ class SourceScan:
         names = ("sha256", "shape_number", "owned")
         own, other = ({name: getattr(file, name) for name in names} for file in (known, mover))
         row = {"number": known.number, **repository.as_found(found), "state": "present", **other}
-        repository.update_all(session, [{**row, "kind": None, "detail": None, "missing_since": None}])
-        repository.update_all(session, [{"number": mover.number, **own}])
+        with named_by_paths(session, self._collection, (known.shape_number, mover.shape_number)):
+            repository.update_all(session, [{**row, "kind": None, "detail": None, "missing_since": None}])
+            repository.update_all(session, [{"number": mover.number, **own}])
         keep(session, file)
         return replace(mover, **own)
 
@@ -266,25 +264,15 @@ class SourceScan:
     ) -> list[KnownFile]:
         """Forget files without a shape, and those whose shape has another path; return the others."""
         shapes = {file.shape_number for file in batch if file.shape_number is not None}
-        paths = repository.present_paths(session, shapes, vanished)
+        with_others = repository.with_other_files(session, shapes, vanished)
         for file in batch:
-            others = paths.get(file.shape_number or 0, [])
-            self.report.moved += bool(others)
-            if len(others) == 1:
-                self._rename(session, file, others[0])
-        lost = [file for file in batch if file.shape_number is not None and file.shape_number not in paths]
-        repository.forget(session, {file.number for file in batch} - {file.number for file in lost})
+            self.report.moved += file.shape_number in with_others
+        lost = [
+            file for file in batch if file.shape_number is not None and file.shape_number not in with_others
+        ]
+        with named_by_paths(session, self._collection, with_others):
+            repository.forget(session, {file.number for file in batch} - {file.number for file in lost})
         return lost
-
-    def _rename(self, session: WriteSession, file: KnownFile, path: str) -> None:
-        """Give a shape that has the name of its file the new one, unless it is taken."""
-        assert file.shape_number is not None
-        record = next(iter(shapes_repository.records(session, self._collection, [file.shape_number])), None)
-        with suppress(ValueError, NameTakenError):
-            if record is None or record.name != clean_name(base_name(file.path)):
-                return
-            changes = ShapeChanges(name=clean_name(base_name(path)))
-            shapes_service.change(session, self._collection, record.id, changes, self._collection)
 
     async def _tag(self) -> None:
         """Add the tags of rules that were set since the source was added to the shapes that it has."""

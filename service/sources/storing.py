@@ -1,8 +1,8 @@
 """Storing a file of a source: as a shape, as another path of one, or with the reason why it has none."""
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from service.shapes import repository as shapes_repository
 from service.shapes import service as shapes_service
 from service.shapes.fields import base_name, clean_name, clean_tags
 from service.shapes.records import NewFile, NewShape, StoredShape
+from service.shapes.schemas import ShapeChanges
 from service.shapes.service import Put, ingest, store_files
 from service.sources import repository
 from service.sources.archives import Archives, Directories
@@ -242,7 +243,9 @@ class FileStorer:
                 shapes_service.delete(
                     session, self._collection, record.id, self._container.settings.undo_time
                 )
-        repository.write(session, self._source.number, key, found, known, values)
+        shapes = values["shape_number"], None if known is None else known.shape_number
+        with named_by_paths(session, self._collection, shapes):
+            repository.write(session, self._source.number, key, found, known, values)
         if file is not None:
             keep(session, file)
 
@@ -272,6 +275,26 @@ class FileStorer:
             yield
         if not lock.locked():
             self._locks.pop(sha256, None)
+
+
+@contextmanager
+def named_by_paths(
+    session: WriteSession, collection: CollectionNumber, shapes: Iterable[int | None]
+) -> Iterator[None]:
+    """Give shapes whose files the block writes the names of their first files.
+
+    A shape that had not the name of its first file keeps its own, as does one whose new name is taken.
+    """
+    numbers = {number for number in shapes if number is not None}
+    before = repository.first_paths(session, numbers)
+    yield
+    after = repository.first_paths(session, before)
+    moved = {number: path for number, path in after.items() if path != before[number]}
+    for record in shapes_repository.records(session, collection, list(moved)):
+        with suppress(ValueError, NameTakenError):
+            if record.name == clean_name(base_name(before[record.number])):
+                changes = ShapeChanges(name=clean_name(base_name(moved[record.number])))
+                shapes_service.change(session, collection, record.id, changes, collection)
 
 
 def keep(session: WriteSession, file: NewFile) -> None:

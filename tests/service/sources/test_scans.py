@@ -283,6 +283,30 @@ def test_what_cannot_be_read_is_told_and_keeps_its_shape(
     assert library.shapes()["inner/b.off"] == shapes["inner/b.off"]
 
 
+def test_equal_files_give_one_name_in_every_order(running: Running, root: Path) -> None:
+    """That of the first path, unless a person gave another one."""
+    put(root / "m.off", small_file(1))
+    with Library.of(running, root) as library:
+        (shape,) = library.shapes().values()
+
+        def name() -> str:
+            library.rescan()
+            return str(running.client.get(f"/shapes/{shape}").json()["name"])
+
+        put(root / "z.off", small_file(1))
+        assert name() == "m.off"
+        put(root / "a.off", small_file(1))
+        assert name() == "a.off"
+        os.link(root / "z.off", root / "0.off")
+        assert name() == "0.off"
+        (root / "0.off").unlink()
+        (root / "a.off").unlink()
+        assert name() == "m.off"
+        assert running.client.patch(f"/shapes/{shape}", json={"name": "mine"}).status_code == 200
+        put(root / "a.off", small_file(1))
+        assert name() == "mine"
+
+
 def test_a_shape_that_moves_to_another_collection_and_back_keeps_its_path(
     library: Library, root: Path
 ) -> None:
