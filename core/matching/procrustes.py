@@ -14,13 +14,7 @@ from core.arrays import Float32s, Floats, Int8s, Ints
 from core.embedding import Embedding, Match, Scores
 from core.matching.kernels.match_record import MatchRecord, decoded, lower_triangle, precedes
 from core.matching.kernels.one_to_many import MATCH_RECORD
-from core.matching.match_records import (
-    compared,
-    encoded,
-    make_match_record,
-    score_match_records,
-    search_rounds,
-)
+from core.matching.match_records import compared, keyed_match_record, score_match_records, search_rounds
 from core.matching.oriented_map import CandidateMaps, candidate_maps
 from core.matching.similarity import EFFECTIVE
 from core.parameters import Parameters
@@ -83,7 +77,7 @@ class ProcrustesMatcher:
 
     def prepare(self, embedding: Embedding, key: bytes) -> Float32s:
         """Return the match record of an embedding, whose `embedding_key` is `key`."""
-        return encoded(make_match_record(embedding, key, self._parameters))
+        return keyed_match_record(embedding, key, self._parameters)
 
     def score(self, query: Float32s, candidates: Iterable[Float32s]) -> Scores:
         """Return CC, SSD and sim of one shape with each of c others: arrays of shape (c,)."""

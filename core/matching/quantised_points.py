@@ -5,6 +5,8 @@ two, those of offsets no finer than those of samples: rounded coordinates come b
 Samples without other points may be dense, as those of the paper's setting, and are not rounded.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +22,17 @@ SAMPLE_BITS, OFFSET_BITS = 15, 7
 LEAST_EXPONENT, LARGEST_UNIT = -100, 2.0**100
 """Units are at least 2 to this power and below this number, so that quotients and products are finite; so are
 samples in float32."""
+
+
+class EmbeddedPoints(NamedTuple):
+    """The points of an embedding record: the fingerprint of its parameters, and bytes of `encoded_points`.
+
+    Their columns are those of so many spectral domains of one width.
+    """
+
+    fingerprint: str
+    domains: int
+    data: bytes
 
 
 def quantised_points(embedding: Embedding) -> bytes:

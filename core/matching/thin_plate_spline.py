@@ -9,6 +9,9 @@ from core.arrays import Float32s, Floats
 from core.errors import ParameterError
 from core.numerics.compilation import compiled
 
+VECTORS = 16
+"""Numbers of one turn of a loop in SIMD registers."""
+
 LEAST_SPREAD = 1e-12
 """The least eigenvalue over the greatest, of the cross-products of flat points beside ones."""
 
@@ -98,9 +101,9 @@ def compiled_spline_operators(points: Floats, first_dimensions: int, stiffness: 
 
 @compiled
 def _add_squares(column: Floats, squares: Floats) -> None:
-    """Add the squared differences of one coordinate of m points to those between all pairs, shape (m, m)."""
+    """Add the squared differences of one coordinate of m points to those below the diagonal, shape (m, m)."""
     for i in range(len(column)):
-        for j in range(len(column)):
+        for j in range(i):
             squares[i, j] += (column[i] - column[j]) ** 2
 
 
@@ -108,32 +111,64 @@ def _add_squares(column: Floats, squares: Floats) -> None:
 def _inverted(matrix: Floats) -> bool:
     """Invert a symmetric positive definite matrix in its lower triangle; return whether it is one.
 
-    By the sweep operator (J. H. Goodnight, The American Statistician 33, 1979), in under half of the time of
-    LAPACK for a hundred rows.
+    By the sweep operator (J. H. Goodnight, The American Statistician 33, 1979), two pivots at a time, in
+    under half of the time of LAPACK for a hundred rows. Numbers above the diagonal are overwritten.
     """
     n = len(matrix)
-    swept = np.empty(n)
-    for pivot in range(n):
-        # The row and column of the pivot, both from the lower triangle.
-        for j in range(n):
-            swept[j] = matrix[pivot, j] if j <= pivot else matrix[j, pivot]
-        if not swept[pivot] > 0.0:
+    first, second = np.zeros(n), np.zeros(n)
+    for pivot in range(0, n, 2):
+        following = pivot + 1
+        # The columns of both pivots, from the lower triangle, the second as the first one's sweep leaves it.
+        _read_column(matrix, pivot, first)
+        if not first[pivot] > 0.0:
             return False
-        scale = 1.0 / swept[pivot]
+        scale, next_scale, link = 1.0 / first[pivot], 0.0, 0.0
+        if following < n:
+            _read_column(matrix, following, second)
+            link = first[following] * scale
+            for j in range(n):
+                second[j] -= link * first[j]
+            second[pivot] = link
+            if not second[following] > 0.0:
+                return False
+            next_scale = 1.0 / second[following]
+        else:
+            second[:] = 0.0
         for i in range(n):
-            factor = swept[i] * scale
-            for j in range(i + 1):
-                matrix[i, j] -= factor * swept[j]
+            factor, next_factor = first[i] * scale, second[i] * next_scale
+            # Whole vectors: a short loop takes most of its time after the last of them.
+            for j in range(min((i // VECTORS + 1) * VECTORS, n)):
+                matrix[i, j] -= factor * first[j] + next_factor * second[j]
+        # The rows of the pivots.
         for j in range(n):
-            if j <= pivot:
-                matrix[pivot, j] = swept[j] * scale
-            else:
-                matrix[j, pivot] = swept[j] * scale
-        matrix[pivot, pivot] = -scale
+            first[j] = first[j] * scale - second[j] * (link * next_scale)
+            second[j] *= next_scale
+        first[pivot] = -scale - link * link * next_scale
+        _write_column(first, pivot, matrix)
+        if following < n:
+            second[following] = -next_scale
+            _write_column(second, following, matrix)
     for i in range(n):
         for j in range(i + 1):
             matrix[i, j] = -matrix[i, j]
     return True
+
+
+@compiled
+def _read_column(matrix: Floats, column: int, entries: Floats) -> None:
+    """Write a column of a symmetric matrix, from its lower triangle."""
+    for j in range(len(matrix)):
+        entries[j] = matrix[column, j] if j <= column else matrix[j, column]
+
+
+@compiled
+def _write_column(entries: Floats, column: int, matrix: Floats) -> None:
+    """Write a column of a symmetric matrix into its lower triangle."""
+    for j in range(len(matrix)):
+        if j <= column:
+            matrix[column, j] = entries[j]
+        else:
+            matrix[j, column] = entries[j]
 
 
 @compiled
@@ -151,6 +186,7 @@ def _solved(points: Floats, first: int, stiffness: float, operators: Floats) -> 
     spread = np.linalg.eigvalsh(np.dot(affine.T, affine))
     if not spread[0] > LEAST_SPREAD * spread[-1]:
         return False
+    orthonormal = np.linalg.qr(affine)[0]
     columns = np.ascontiguousarray(points.T)
     squares = np.zeros((m, m))
     for c in range(k):
@@ -172,7 +208,7 @@ def _solved(points: Floats, first: int, stiffness: float, operators: Floats) -> 
             for j in range(i):
                 if squares[i, j] > 0.0:
                     bending[i, j] = bending[j, i] = squares[i, j] * math.log(squares[i, j])
-        basis = np.ascontiguousarray(np.linalg.qr(np.ascontiguousarray(affine[:, : c + 2]))[0])
+        basis = np.ascontiguousarray(orthonormal[:, : c + 2])
         across = np.ascontiguousarray(basis.T)
         part = np.dot(bending, basis)
         part -= 0.5 * np.dot(basis, np.dot(across, part))

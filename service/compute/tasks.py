@@ -25,7 +25,6 @@ from core.graph.bridges import bridges
 from core.io import Limits, read_file
 from core.matching.match_records import example_match_records, match_record, score_match_records
 from core.matching.matcher import matcher_of
-from core.matching.thin_plate_spline import compiled_spline_operators
 from core.mesh.bounding_box import Sides, bounding_box, file_box
 from core.mesh.box_tree import closest_on_triangles, triangle_tree
 from core.mesh.mesh import Mesh
@@ -286,8 +285,6 @@ def warm_matching(parameters: Parameters) -> None:
         return
     records = example_match_records(parameters)
     score_match_records(records[0], records, parameters)
-    points = np.random.default_rng(0).standard_normal((24, parameters.matching.first_dimensions))
-    compiled_spline_operators(points, parameters.matching.first_dimensions, parameters.matching.stiffness)
 
 
 def example_records(parameters: Parameters) -> list[bytes]:

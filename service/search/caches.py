@@ -16,9 +16,9 @@ from starlette.concurrency import run_in_threadpool
 from core.arrays import Float32s, Floats, Ints
 from core.descriptors.registry import ShapeDescriptors
 from core.errors import BadRecordError, CoreError
-from core.matching.match_records import match_record
+from core.matching.match_records import match_record_of_points
 from core.ranking.local_density import density_sample
-from core.serialization import descriptors_from_bytes, embedding_from_bytes
+from core.serialization import descriptors_from_bytes, points_from_bytes
 from service.collection import CollectionNumber
 from service.compute.request_queue import whole
 from service.compute.tasks import example_records, warm_comparing
@@ -88,7 +88,8 @@ class CandidateReader:
         records = self.records(missing)
         for number in [number for number in records if number not in match_records]:
             with suppress(CoreError):
-                match_records[number] = match_record(embedding_from_bytes(records[number]), self._parameters)
+                points = points_from_bytes(records[number])
+                match_records[number] = match_record_of_points(points, self._parameters)
                 self._match_records.put(number, match_records[number])
         if descriptors:
             new = {number: record for number, record in records.items() if number not in described}

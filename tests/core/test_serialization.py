@@ -18,10 +18,16 @@ from core.descriptors.spin_images import KEYPOINTS
 from core.descriptors.views import VIEW_BYTES
 from core.embedding import NO_ORIENTATION, Embedding, Spectrum
 from core.errors import BadRecordError
+from core.matching.match_records import match_record, match_record_of_points
 from core.matching.quantised_points import rounded
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
-from core.serialization import descriptors_from_bytes, embedding_from_bytes, embedding_to_bytes
+from core.serialization import (
+    descriptors_from_bytes,
+    embedding_from_bytes,
+    embedding_to_bytes,
+    points_from_bytes,
+)
 from core.spectral.spectral_embedding import SPECTRUM
 from tests.core.shapes import FACTS as CLOSED
 from tests.core.shapes import blob
@@ -313,3 +319,43 @@ def test_descriptors_of_the_wrong_shape_or_type_are_refused(name, value):
 def test_an_orientation_of_other_coordinates_is_refused(spectra, columns):
     made = replace(embedding(spectra=spectra), orientation=np.zeros((12, columns), np.int8))
     refused(embedding_to_bytes(made), "orientation")
+
+
+def test_the_points_of_a_record_give_the_match_record_of_its_embedding():
+    made = Pipeline(DEFAULT).embed(blob(0, 3))
+    data = embedding_to_bytes(made)
+    # Of a cut record as well, once the points are in it.
+    for end in (len(data), len(data) - 10):
+        record = match_record_of_points(points_from_bytes(data[:end]), DEFAULT)
+        assert record.tobytes() == match_record(made, DEFAULT).tobytes()
+
+
+def points_are_refused(data):
+    with pytest.raises(BadRecordError):
+        match_record_of_points(points_from_bytes(data), DEFAULT)
+
+
+def test_points_of_a_record_that_ends_before_them_are_refused():
+    data = embedding_to_bytes(Pipeline(DEFAULT).embed(blob(0, 3)))
+    for end in range(0, len(data) // 4, 97):
+        points_are_refused(data[:end])
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"{",
+        {"spectra": []},
+        {"spectra": 3},
+        {"spectra": [["affinity", 4], ["laplace-beltrami", 5]]},
+        {"fingerprint": DEFAULT.fingerprint, "spectra": [["affinity", 4]] * 5},
+    ],
+)
+def test_points_of_spectra_that_are_none_are_refused(header):
+    points_are_refused(saved(arrays_with(header)))
+
+
+@pytest.mark.parametrize("points", [b"", b"\x00" * 12, b"\xff" * 400])
+def test_bytes_that_are_no_points_are_refused(points):
+    header = {"fingerprint": DEFAULT.fingerprint, "spectra": [["affinity", 3]] * 3}
+    points_are_refused(saved(arrays_with(header, points=np.frombuffer(points, dtype=np.uint8))))

@@ -4,10 +4,12 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from core.embedding import Embedding, Spectrum
+from core.matching.kernels.match_record import decoded
 from core.matching.kernels.one_to_many import MATCH_RECORD
-from core.matching.match_records import compared, embedding_key, encoded, make_match_record, search_rounds
+from core.matching.match_records import compared, embedding_key, keyed_match_record, search_rounds
 from core.matching.quantised_points import rounded
 from core.parameters import DEFAULT
+from tests.core.matching.reference import encoded_reference
 from tests.core.shapes import FACTS
 
 
@@ -87,11 +89,11 @@ def columns(seed, count, k, scale=1.0):
 
 def compared_pair(first, second, parameters=DEFAULT):
     """Scores and map, of the first shape to the second if the first is that of the lesser key."""
-    record = encoded(second)
+    record = encoded_reference(second)
     data, ends = record.view(np.uint8), np.array([record.nbytes])
-    scores, rotation = compared(encoded(first), data, ends, MATCH_RECORD, search_rounds(parameters))
+    scores, rotation = compared(encoded_reference(first), data, ends, MATCH_RECORD, search_rounds(parameters))
     return scores[0], rotation
 
 
 def record_of(embedding, parameters=DEFAULT):
-    return make_match_record(embedding, embedding_key(embedding), parameters)
+    return decoded(keyed_match_record(embedding, embedding_key(embedding), parameters).copy())

@@ -7,11 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Int8s, Ints, Reals
-from core.matching.kernels.match_record import ONE, ROOT, MatchRecord
+from core.embedding import Embedding
+from core.matching.kernels.match_record import HEAD, ONE, ROOT, MatchRecord
 from core.matching.kernels.procrustes import EXACT, ROUGH
 from core.matching.kernels.spline_search import SearchRounds
+from core.matching.quantised_points import encoded_points
 from core.matching.similarity import correlation, squared_difference
+from core.matching.thin_plate_spline import compiled_spline_operators
 from core.matching.tps_matcher import spline_search
+from core.parameters import Parameters
 
 
 def nearest_both_ways_reference(rotated: Floats, targets: Floats) -> tuple[Ints, Ints]:
@@ -208,3 +212,42 @@ def _slid(points: Floats, shape: MatchRecord, regions: Ints, ends: Floats) -> li
         closest_reference(points, shape.members, offsets[region], offsets[region + 1], end)
         for region, end in zip(regions, ends, strict=True)
     ]
+
+
+def match_record_reference(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
+    """The arrays of a match record, before they are one array."""
+    regions, wanted = embedding.regions.astype(np.int64), parameters.matching
+    m = int(regions.max()) + 1
+    rows, columns = wanted.search_samples or m, wanted.search_dimensions or None
+    clouds = [spectrum.coordinates.astype(np.float64) for spectrum in embedding.spectra]
+    samples = [points[:m] for points in clouds]
+    searched = [points[:rows, :columns] for points in samples]
+    splines = [compiled_spline_operators(p, wanted.first_dimensions, wanted.stiffness) for p in searched]
+    softer = [compiled_spline_operators(p, p.shape[1], wanted.warp_stiffness)[0] for p in samples]
+    roots = np.rint(np.cbrt([matrix[np.tri(m, k=-1) > 0.0] for matrix in softer]) * ROOT)
+    centred = [points - points.mean(axis=0) for points in samples]
+    return MatchRecord(
+        points=np.concatenate(clouds, axis=1).astype(np.float32),
+        searched=np.array([points.T for points in searched], dtype=np.float32, order="C"),
+        operators=np.rint(np.array(splines) * ONE).astype(np.int16),
+        offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
+        members=np.argsort(regions, kind="stable").astype(np.int32),
+        warp=np.clip(roots, 1 - ROOT, ROOT - 1).astype(np.int8),
+        radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
+        key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
+    )
+
+
+def encoded_reference(record: MatchRecord) -> Float32s:
+    """The arrays of a match record as one array."""
+    b, j, s = record.searched.shape
+    m, (d, columns) = len(record.offsets) - 1, record.points.shape
+    regions = np.empty(d, dtype=np.int32)
+    regions[record.members] = np.repeat(np.arange(m), np.diff(record.offsets))
+    points = encoded_points(record.points, regions)
+    head = np.zeros(HEAD, dtype=np.int32)
+    head[:7] = m, len(points), s, b, columns // b, j, record.operators.shape[1]
+    head[7:11] = record.key
+    operators = record.operators[..., np.tri(s) > 0.0]
+    parts = head.tobytes(), record.radius.tobytes(), points, operators.tobytes(), record.warp.tobytes()
+    return np.frombuffer(b"".join(part + bytes(-len(part) % 4) for part in parts), dtype=np.float32)

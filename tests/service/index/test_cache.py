@@ -152,7 +152,7 @@ def test_match_records_are_ready_soon_after_the_start_and_after_an_upload(
     (shown,) = re.findall(r"^isoshape_rows_bytes (\S+)$", running.client.get("/metrics").text, re.MULTILINE)
     assert float(shown) == cache.nbytes
     with monkeypatch.context() as patch:
-        patch.setattr(caches, "match_record", None)
+        patch.setattr(caches, "match_record_of_points", None)
         assert len(answer(running)) == STORED + 1
     running.client.delete(f"/shapes/{record['id']}")
     assert len(answer(running)) == STORED

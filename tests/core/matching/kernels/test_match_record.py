@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.match_record import decoded
-from core.matching.match_records import embedding_key, encoded, score_match_records
+from core.matching.match_records import embedding_key, keyed_match_record, score_match_records
 from core.matching.procrustes import ProcrustesMatcher
 from core.parameters import DEFAULT
-from tests.core.matching.clouds import random_embedding, random_record
+from tests.core.matching.clouds import parameters_for, random_embedding
+from tests.core.matching.reference import encoded_reference, match_record_reference
 
 K = DEFAULT.spectral.dimensions
 SIZES = [(100, 500), (60, 60), (100, 300), (45, 91), (33, 40), (12, 12)]
@@ -26,17 +27,21 @@ def prepared():
 @pytest.mark.parametrize(("m", "d"), SIZES)
 @pytest.mark.parametrize("k", [2, 5, 10])
 def test_a_match_record_holds_the_whole_shape(k, m, d, blocks):
-    shape = random_record(k, m, d, k, blocks)
-    record = encoded(shape)
+    embedding, parameters = random_embedding(k, m, d, k, blocks), parameters_for(k)
+    key = embedding_key(embedding)
+    record = keyed_match_record(embedding, key, parameters)
+    shape = match_record_reference(embedding, key, parameters)
     assert record.dtype == np.float32
-    for array, expected in zip(decoded(record), shape, strict=True):
+    assert record.tobytes() == encoded_reference(shape).tobytes()
+    for array, expected in zip(decoded(record.copy()), shape, strict=True):
         assert array.dtype == expected.dtype
         assert array.flags.c_contiguous
         assert np.array_equal(array, expected)
 
 
 def test_the_match_record_of_a_full_shape_is_less_than_32_000_bytes():
-    assert encoded(random_record(1, 100, 500, K, 2)).nbytes < 32_000
+    embedding = random_embedding(1, 100, 500)
+    assert keyed_match_record(embedding, bytes(16), DEFAULT).nbytes < 32_000
 
 
 def test_many_are_matched_as_one_by_one_whichever_is_the_query(prepared):
