@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from statistics import fmean, median
-from typing import Any
+from time import process_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from core.arrays import Ints
 from core.evaluation.correspondence_errors import (
     KnownMesh,
-    TruthErrors,
     dense_map,
     drawn_pairs,
     known_mesh,
@@ -45,9 +45,20 @@ KINDS = ("same", "different")
 """Pairs of one class, and of two classes with one template."""
 
 
-def summary(errors: Sequence[TruthErrors]) -> dict[str, Any]:
-    """Return the number of pairs, and mean and median of both errors; at least one pair."""
-    values = {name: [getattr(pair, name) for pair in errors] for name in ("direct", "symmetric")}
+class TimedErrors(NamedTuple):
+    """The errors of a map as in `core.evaluation.correspondence_errors.TruthErrors`, and its processor time.
+
+    Embeddings and eigenfunctions, computed once for each mesh, are not in the time.
+    """
+
+    direct: float
+    symmetric: float
+    seconds: float
+
+
+def summary(errors: Sequence[TimedErrors]) -> dict[str, Any]:
+    """Return the number of pairs, and mean and median of both errors and of the time; at least one pair."""
+    values = {name: [getattr(pair, name) for pair in errors] for name in TimedErrors._fields}
     figures = {name: {"mean": fmean(each), "median": median(each)} for name, each in values.items()}
     return {"pairs": len(errors), **figures}
 
@@ -66,7 +77,7 @@ def read_truth(folder: Path) -> list[MeshFile]:
 
 def study_truth(
     files: Sequence[MeshFile], count: int, seed: int, workers: int | None, methods: Sequence[str]
-) -> dict[str, dict[str, list[TruthErrors]]]:
+) -> dict[str, dict[str, list[TimedErrors]]]:
     """Return the errors of pairs by method and kind of pair; see `KINDS`.
 
     Raise DatasetError if a file of the truth cannot be read, or templates of one name have different sizes,
@@ -83,7 +94,7 @@ def study_truth(
             )
     tasks = [pairs[start : start + TOGETHER] for start in range(0, len(pairs), TOGETHER)]
     arguments = [([(files[i].path, files[j].path) for i, j in task], seed, tuple(methods)) for task in tasks]
-    errors: dict[tuple[int, int], dict[str, TruthErrors]] = {}
+    errors: dict[tuple[int, int], dict[str, TimedErrors]] = {}
     with worker_pool(DEFAULT, workers) as pool, progress() as bar:
         done = counted(bar, "matching pairs", len(pairs))
         for task, results in zip(tasks, pool.map(_errors, arguments), strict=True):
@@ -96,19 +107,23 @@ def study_truth(
     }
 
 
-def _errors(task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]]) -> list[dict[str, TruthErrors]]:
+def _errors(task: tuple[Sequence[tuple[Path, Path]], int, Sequence[str]]) -> list[dict[str, TimedErrors]]:
     pairs, seed, methods = task
     return [{method: _errors_by(method, *pair, seed) for method in methods} for pair in pairs]
 
 
-def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> TruthErrors:
+def _errors_by(method: str, first_path: Path, second_path: Path, seed: int) -> TimedErrors:
     first, second = known_of(first_path, seed), known_of(second_path, seed)
     if method == OURS:
+        start = process_time()
         _, targets = dense_map(first, second, _pipeline())
     else:
-        spectra = (_spectrum(path, seed) for path in (second_path, first_path))
+        spectra = [_spectrum(path, seed) for path in (second_path, first_path)]
+        start = process_time()
         targets = np.asarray(functional_map(*spectra, oriented=method == ORIENTED).get_p2p(), dtype=np.int64)
-    return truth_errors(first, second, targets)
+    seconds = process_time() - start
+    errors = truth_errors(first, second, targets)
+    return TimedErrors(errors.direct, errors.symmetric, seconds)
 
 
 @cache

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from core.evaluation.correspondence_errors import TruthErrors
 from core.io import write_mesh
 from service.datasets import DatasetError
-from service.evaluation.template_truth import OURS, read_truth, study_truth, summary
+from service.evaluation.template_truth import OURS, TimedErrors, read_truth, study_truth, summary
 from tests.gallery import make_body
 
 
@@ -43,11 +42,12 @@ def test_pairs_of_one_class_and_of_two(folder):
 
 
 def test_means_and_medians_over_pairs():
-    errors = [TruthErrors(0.1, 0.01), TruthErrors(0.2, 0.02), TruthErrors(0.6, 0.09)]
+    errors = [TimedErrors(0.1, 0.01, 1.0), TimedErrors(0.2, 0.02, 2.0), TimedErrors(0.6, 0.09, 6.0)]
     told = summary(errors)
     assert told["pairs"] == 3
     assert told["direct"] == pytest.approx({"mean": 0.3, "median": 0.2})
     assert told["symmetric"] == pytest.approx({"mean": 0.04, "median": 0.02})
+    assert told["seconds"] == pytest.approx({"mean": 3.0, "median": 2.0})
 
 
 @pytest.mark.parametrize(

@@ -71,6 +71,7 @@ def test_a_folder_with_truth_beside_pyfmaps(run, folder):
         assert kinds["different"] is None
         assert kinds["same"]["pairs"] == 1
         assert 0.0 <= kinds["same"]["symmetric"]["mean"] <= kinds["same"]["direct"]["mean"]
+        assert kinds["same"]["seconds"]["mean"] > 0.0
     assert found["same"]["symmetric"]["mean"] <= 0.06
     done = run("correspondence", "--truth", folder, "--pairs", 1, "--seed", 1)
     assert f"{found['same']['direct']['median']:.3f}" in done.stdout
