@@ -3,13 +3,13 @@
 import { address, ask, changeShape, collection, collections, readShape, version } from "./api.js";
 import { saveTable } from "./csv.js";
 import { deleted, mayDelete } from "./deleted.js";
-import { byId, make, messageOf } from "./dom.js";
+import { button, byId, make, messageOf } from "./dom.js";
 import { parametersOf, tagsIn } from "./fields.js";
 import { save, zip } from "./zip.js";
 
-/** @import { Shape, ShapePage } from "./types.js" */
+/** @import { Shape, ShapePage, Suggestions } from "./types.js" */
 
-/** Requests that run at a time; failures that are told. */
+/** Requests that run at a time; failures, or names of shapes, that are told. */
 const AT_ONCE = 2, TOLD = 5;
 const PAGE = "500";
 
@@ -18,6 +18,7 @@ const status = byId("selection-status", HTMLElement);
 const tags = byId("selection-tags", HTMLInputElement);
 const target = byId("selection-collection", HTMLSelectElement);
 const format = byId("selection-format", HTMLSelectElement);
+const suggested = byId("selection-suggested", HTMLUListElement);
 
 /** @type {Map<string, Shape>} */
 const selected = new Map();
@@ -34,8 +35,7 @@ export function selectBox(shape) {
   box.addEventListener("change", () => {
     if (box.checked) selected.set(shape.id, shape);
     else selected.delete(shape.id);
-    status.textContent = "";
-    show();
+    clear();
   });
   return box;
 }
@@ -43,6 +43,13 @@ export function selectBox(shape) {
 /** @param {string} id */
 export function unselect(id) {
   selected.delete(id);
+  show();
+}
+
+/** Show another selection, of which nothing is told yet. */
+function clear() {
+  status.textContent = "";
+  suggested.replaceChildren();
   show();
 }
 
@@ -68,13 +75,14 @@ async function offer() {
 }
 
 /**
- * Do something with each selected shape; those that fail stay selected, and the reasons are told.
+ * Do something with each of some shapes; those that fail stay selected, and the reasons are told.
  * @param {string} done Such as "tagged".
  * @param {(shape: Shape) => Promise<unknown>} work
+ * @param {Shape[]} shapes
  * @returns {Promise<Shape[]>} The shapes of which it is done.
  */
-async function each(done, work) {
-  const waiting = [...selected.values()], total = waiting.length;
+async function each(done, work, shapes = [...selected.values()]) {
+  const waiting = [...shapes], total = waiting.length;
   /** @type {Shape[]} */
   const finished = [];
   /** @type {string[]} */
@@ -108,16 +116,48 @@ function finish(gone = []) {
   changed();
 }
 
-/** @param {string} done @param {(own: string[], given: string[]) => string[]} change Of the tags of a shape by those in the field. */
+/** Change the tags of a selected shape, which may be newer than the list. @param {string} id @param {(own: string[]) => string[]} change */
+const changeTags = async (id, change) => selected.set(id, await changeShape(id, { tags: change((await readShape(id)).tags) }));
+
+/** @param {string} id @param {string[]} given */
+const addTags = (id, given) => changeTags(id, (own) => [...new Set([...own, ...given])]);
+
+/** @param {string} done @param {(id: string, given: string[]) => Promise<unknown>} change */
 async function retag(done, change) {
   const given = tagsIn(tags.value);
   if (given.length === 0) return tags.focus();
-  await each(done, async ({ id }) => {
-    // The list may be older than the tags.
-    selected.set(id, await changeShape(id, { tags: change((await readShape(id)).tags, given) }));
-  });
+  await each(done, ({ id }) => change(id, given));
   tags.value = "";
   finish();
+}
+
+/** Show the tags that shapes like the selected ones have and these lack, those of most shapes first; a person adds each. */
+async function suggest() {
+  /** @type {Map<string, Shape[]>} */
+  const lacking = new Map();
+  let unknown = 0;
+  await each("compared", async (shape) => {
+    /** @type {Suggestions} */
+    const { suggestions, known } = await (await ask(address(`shapes/${shape.id}/suggestions`))).json();
+    if (!known) unknown += 1;
+    for (const { key, value } of suggestions) {
+      if (key === null) lacking.set(String(value), [...lacking.get(String(value)) ?? [], shape]);
+    }
+  });
+  if (lacking.size === 0) status.textContent += " No tags are suggested.";
+  if (unknown > 0) status.textContent += ` Shapes similar to ${unknown} of them are not known yet.`;
+  const byCount = [...lacking].sort(([, one], [, other]) => other.length - one.length);
+  suggested.replaceChildren(...byCount.map(([tag, shapes]) => {
+    const names = shapes.map(({ name }) => name).sort().slice(0, TOLD).join(", ");
+    const more = shapes.length > TOLD ? ` and ${shapes.length - TOLD} more` : "";
+    const row = make("li", {}, button("Add", accept, `Add ${tag}`), ` ${tag}, to ${names}${more}`);
+    async function accept() {
+      await each("tagged", ({ id }) => addTags(id, [tag]), shapes);
+      row.remove();
+      finish();
+    }
+    return row;
+  }));
 }
 
 /** @type {Record<string, () => Promise<void> | void>} */
@@ -131,15 +171,15 @@ const ACTIONS = {
       for (const shape of page.shapes) selected.set(shape.id, shape);
       wanted.set("cursor", page.next_cursor ?? "");
     } while (wanted.get("cursor"));
-    show();
+    clear();
   },
   none: () => {
     selected.clear();
-    status.textContent = "";
-    show();
+    clear();
   },
-  tag: () => retag("tagged", (own, given) => [...new Set([...own, ...given])]),
-  untag: () => retag("untagged", (own, given) => own.filter((tag) => !given.includes(tag))),
+  tag: () => retag("tagged", addTags),
+  untag: () => retag("untagged", (id, given) => changeTags(id, (own) => own.filter((tag) => !given.includes(tag)))),
+  suggest,
   move: async () => finish(await each(`moved to ${target.value}`, ({ id }) => changeShape(id, { collection: target.value }))),
   delete: async () => {
     if (!await mayDelete([...selected.values()])) return;

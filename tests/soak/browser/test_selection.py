@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
-from tests.service.support import Running, working_in
+from tests.service.support import Running, relate, working_in
 from tests.soak.browser.support import NAMES, PHONE, Visit, made, serious, stored
 
 FISH = ("fish-0.ply", "fish-1.ply", "fish-2.ply")
@@ -57,6 +57,30 @@ def test_selected_shapes_are_tagged(visit: Visit, service: Running) -> None:
     assert [shape["name"] for shape in stored(service, tag="checked")] == ["fish-2.ply"]
     press(page, "Select none")
     expect(page.locator("#selection")).to_be_hidden()
+    service.clear()
+
+
+def test_similar_shapes_suggest_tags_for_all_that_are_selected(visit: Visit, service: Running) -> None:
+    for number in range(4, 8):
+        service.store(made("fish", number), f"fish-{number}.ply", tags="fish, swims")
+    for shape in stored(service, tag="fish")[:1]:
+        service.client.patch(f"/shapes/{shape['id']}", json={"tags": ["fish", "swims"]})
+    relate(service)
+    page = visit.open("browse")
+    select(page, *FISH)
+    press(page, "Suggest tags")
+    told(page, "3 shapes compared.")
+    suggested = page.locator("#selection-suggested li")
+    expect(suggested).to_have_text(["Add swims, to fish-1.ply, fish-2.ply"])
+    assert serious(page) == []
+    press(page, "Add swims")
+    told(page, "2 shapes tagged.")
+    expect(suggested).to_have_count(0)
+    assert {shape["name"] for shape in stored(service, tag="swims")} >= set(FISH)
+    # They have it now.
+    page.wait_for_load_state("networkidle")
+    press(page, "Suggest tags")
+    told(page, "3 shapes compared. No tags are suggested.")
     service.clear()
 
 
