@@ -40,6 +40,11 @@ def say(message: str) -> None:
     typer.echo(message, err=True)
 
 
+def count_of(number: int, noun: str) -> str:
+    """Return a number and a noun, as "1 shape" or "2 shapes"."""
+    return f"{number} {noun if number == 1 else f'{noun}s'}"
+
+
 def fail(message: str, status: int = 1) -> NoReturn:
     """Print one line on standard error and exit: status 1 for a failure, 2 for a wrong call."""
     say(f"isoshape: {' '.join(message.split())}")

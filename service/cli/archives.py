@@ -15,7 +15,7 @@ from rich.progress import TaskID
 from core.parameters import Parameters
 from service.cli.service_address import database_named
 from service.compute.request_queue import RequestQueue, start_executors
-from service.console import fail, messages, output, progress, say
+from service.console import count_of, fail, messages, output, progress, say
 from service.observability import logging
 from service.pipelines import repository
 from service.server.process import sigterm_exits
@@ -37,11 +37,12 @@ def print_counts(report: CheckReport) -> None:
     """Print the numbers of shapes, files and embeddings of an archive."""
     _print(_counts(report))
     for fingerprint, count in sorted(report.pipelines.items()):
-        _print(f"pipeline {fingerprint}: {count} embeddings")
+        _print(f"pipeline {fingerprint}: {count_of(count, 'embedding')}")
 
 
 def _counts(of: CheckReport) -> str:
-    return f"{of.shapes} shapes on {of.blobs} files of {of.bytes} bytes, {of.embeddings} embeddings"
+    shapes, files = count_of(of.shapes, "shape"), count_of(of.blobs, "file")
+    return f"{shapes} on {files} of {of.bytes} bytes, {count_of(of.embeddings, 'embedding')}"
 
 
 def _print(line: str) -> None:

@@ -13,7 +13,7 @@ from service.cli.service_address import Collection, Key, Url, service_at
 from service.cli.shapes import shapes_named
 from service.client import Client, calls
 from service.client.calls import Compared
-from service.console import fail, output, progress, say, table
+from service.console import count_of, fail, output, progress, say, table
 from service.duplicates.schemas import DuplicatesAnswer
 from service.search.compare_schemas import CompareAnswer
 from service.search.schemas import likeness_in_words, score_in_words
@@ -149,7 +149,7 @@ def duplicates_command(
                 answer = ask()
                 bar.update(task, completed=total - answer.unjudged)
     if answer.unjudged:
-        say(f"{answer.unjudged} shapes cannot be judged now: the groups may be incomplete")
+        say(f"{count_of(answer.unjudged, 'shape')} cannot be judged now: the groups may be incomplete")
     if xlsx is not None:
         xlsx.write_bytes(answer.xlsx())
     if as_csv:
@@ -157,7 +157,8 @@ def duplicates_command(
     else:
         _print_groups(answer)
     grouped = sum(len(group) for group in answer.groups)
-    say(f"{grouped} of {answer.shapes} shapes in {len(answer.groups)} groups; {answer.aligned} pairs aligned")
+    groups, aligned = count_of(len(answer.groups), "group"), count_of(answer.aligned, "pair")
+    say(f"{grouped} of {count_of(answer.shapes, 'shape')} in {groups}; {aligned} aligned")
 
 
 def _print_groups(answer: DuplicatesAnswer) -> None:

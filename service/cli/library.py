@@ -10,7 +10,7 @@ import typer
 
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client
-from service.console import fail, output, progress, say, table
+from service.console import count_of, fail, output, progress, say, table
 from service.shapes.fields import split_tags
 from service.sources.schemas import FileState, Source
 
@@ -154,8 +154,8 @@ def _follow(client: Client, sources: list[Source], ask: Callable[[str], Source] 
             else:
                 say(f"{path}: {reason}")
         if known:
-            files = "file is" if known == 1 else "files are"
-            say(f"{source.name}: {known} {files} refused as before; `isoshape library list {source.name}`")
+            refused = f"{count_of(known, 'file')} refused as before"
+            say(f"{source.name}: {refused}; `isoshape library list {source.name}`")
     if any(source.state == "offline" for source in ended):
         raise typer.Exit(1)
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from service.cli.model_options import with_options
 from service.cli.service_address import Collection, Key, Url, service_at
 from service.client import Client, ClientError, ProblemError
-from service.console import fail, output, say, table
+from service.console import count_of, fail, output, say, table
 from service.http.problem_document import faults_of
 from service.shapes.bulk_schemas import BulkChange
 from service.shapes.fields import split_tags
@@ -68,7 +68,7 @@ def list_command(
             tags = ", ".join(shape.tags)
             listed.add_row(shape.name, tags, shape.format, about, _day(shape.created_at), shape.id)
         output().print(listed)
-    say(f"{len(shapes)} of {total} shapes")
+    say(f"{len(shapes)} of {count_of(total, 'shape')}")
 
 
 def show_command(
@@ -128,7 +128,7 @@ def _tag_all(client: Client, filters: dict[str, Any], add: Sequence[str], remove
     if not any(getattr(wanted, name) for name in filters):
         fail("the filter is empty, so that all shapes would be changed", status=2)
     done = client.update_all(wanted)
-    say(f"{done.changed} of {done.matched} shapes changed")
+    say(f"{done.changed} of {count_of(done.matched, 'shape')} changed")
     for shape in done.refused:
         say(f"{shape.name} ({shape.id}): {shape.detail}")
     if done.refused:

@@ -11,7 +11,7 @@ import typer
 from core.errors import ParameterError
 from core.parameters import DEFAULT
 from service.cli.evaluation.options import AsJson, Workers
-from service.console import fail, print_table
+from service.console import count_of, fail, print_table
 from service.evaluation.calibration import constants, part_pairs, study, summary
 from service.evaluation.retrieval import collection_files, labels_of, score_collection, spread
 
@@ -62,7 +62,7 @@ def calibrate_command(
         typer.echo(constants(judged))
     unusable = sum(map(len, chosen)) - sum(len(labels) for labels, _ in scored)
     if unusable:
-        fail(f"{unusable} files could not be used")
+        fail(f"{count_of(unusable, 'file')} could not be used")
 
 
 def _check(labels: Iterable[Sequence[str]], where: str) -> None:

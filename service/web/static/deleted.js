@@ -1,7 +1,7 @@
 // Deleted shapes: a button restores the last one, a list restores the others.
 
 import { address, ask } from "./api.js";
-import { button, byId, make, showError } from "./dom.js";
+import { button, byId, countOf, make, showError } from "./dom.js";
 import { moment } from "./facts.js";
 
 /** @import { DeletedPage, DeletedShape } from "./types.js" */
@@ -72,7 +72,7 @@ export async function erased(shape) {
 export function deleted(...shapes) {
   if (!areKept()) return false;
   const undo = undoOf(shapes);
-  const time = days === 1 ? "one day" : `${days} days`;
+  const time = countOf(days, "day");
   offer.replaceChildren(`${told(shapes, "deleted")} You can restore ${shapes.length === 1 ? "it" : "them"} within ${time}. `, undo);
   // The button is always visible, so the page need not scroll.
   undo.focus({ preventScroll: true });

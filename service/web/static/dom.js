@@ -40,6 +40,9 @@ export function button(text, action, label) {
   return made;
 }
 
+/** Such as "1 shape", or "2 shapes". @param {number} count @param {string} noun */
+export const countOf = (count, noun) => `${count} ${count === 1 ? noun : `${noun}s`}`;
+
 /** The message of an error. @param {unknown} error */
 export const messageOf = (error) => (error instanceof Error ? error.message : String(error));
 

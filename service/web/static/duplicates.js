@@ -4,7 +4,7 @@ import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
 import { canUndo, choices, decide, decisionOf, UNDO, undo, wordOf } from "./decisions.js";
 import { deleted, erased } from "./deleted.js";
-import { button, byId, make, showError } from "./dom.js";
+import { button, byId, countOf, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { current, keep } from "./state.js";
@@ -83,9 +83,9 @@ function show(found) {
 /** Tell the number of groups. */
 function tell() {
   const { shapes, unjudged } = searched;
-  const counted = groups.length === 0 ? `No duplicates among ${shapes} shapes.`
-    : `${groups.length} ${groups.length === 1 ? "group" : "groups"} of duplicates among ${shapes} shapes.`;
-  const left = unjudged === 0 ? "" : ` ${unjudged} shapes are still to be compared.`;
+  const counted = groups.length === 0 ? `No duplicates among ${countOf(shapes, "shape")}.`
+    : `${countOf(groups.length, "group")} of duplicates among ${countOf(shapes, "shape")}.`;
+  const left = unjudged === 0 ? "" : ` ${countOf(unjudged, "shape")} ${unjudged === 1 ? "is" : "are"} still to be compared.`;
   status.textContent = counted + left;
 }
 

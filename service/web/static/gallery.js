@@ -2,7 +2,7 @@
 
 import { address, ask } from "./api.js";
 import { deleted, erased } from "./deleted.js";
-import { byId, make, showError } from "./dom.js";
+import { byId, countOf, make, showError } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
 import { selectBox, unselect } from "./selection.js";
@@ -126,7 +126,7 @@ function append(shapes) {
 function showTotal() {
   more.hidden = cursor === null;
   if (asked().grouped) {
-    status.textContent = total === 0 ? "No similar shapes are known." : `${total} ${total === 1 ? "group" : "groups"} of similar shapes`;
+    status.textContent = total === 0 ? "No similar shapes are known." : `${countOf(total, "group")} of similar shapes`;
     return;
   }
   const empty = [...changedIn(form).keys()].some((name) => name !== "sort") ? "No stored shape matches." : "No shapes are stored yet.";

@@ -1,7 +1,7 @@
 // The library: folders that stay in place, their states, and what is missing in them.
 
 import { address, ask } from "./api.js";
-import { button, byId, make, showError } from "./dom.js";
+import { button, byId, countOf, make, showError } from "./dom.js";
 import { moment } from "./facts.js";
 import { current } from "./state.js";
 
@@ -60,7 +60,7 @@ function item(source) {
     "li", {},
     make("span", { className: "name" }, name),
     make("span", { className: "path" }, path),
-    make("span", {}, `${counts.present} ${counts.present === 1 ? "file" : "files"}, ${WORDS[state](source)}. Last scan: `, scanned),
+    make("span", {}, `${countOf(counts.present, "file")}, ${WORDS[state](source)}. Last scan: `, scanned),
     make("div", { className: "buttons" }, act("rescan", "Rescan", source, busy)),
   );
   if (state === "offline") {

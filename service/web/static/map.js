@@ -1,7 +1,7 @@
 // The map of the stored shapes: each takes a cell of a grid, near similar ones.
 
 import { address, ask } from "./api.js";
-import { byId, make, showError } from "./dom.js";
+import { byId, countOf, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
 import { keep, linkTo } from "./state.js";
 
@@ -99,7 +99,7 @@ function show(found) {
   if (first) first.tabIndex = 0;
   status.textContent = shapes.length === 0 ? "No stored shape matches."
     : shapes.length < total ? `${shapes.length} of ${total} shapes, chosen evenly by age; filters choose others. Similar shapes are near each other.`
-      : `${total} shapes. Similar shapes are near each other.`;
+      : `${countOf(total, "shape")}. Similar shapes are near each other.`;
   zoomTo(0);
 }
 

@@ -3,7 +3,7 @@
 import { address, ask, changeShape, collection, collections, readShape, version } from "./api.js";
 import { saveTable } from "./csv.js";
 import { deleted, mayDelete } from "./deleted.js";
-import { button, byId, make, messageOf } from "./dom.js";
+import { button, byId, countOf, make, messageOf } from "./dom.js";
 import { parametersOf, tagsIn } from "./fields.js";
 import { save, zip } from "./zip.js";
 
@@ -104,7 +104,7 @@ async function each(done, work, shapes = [...selected.values()]) {
   controls.disabled = false;
   const told = failures.slice(0, TOLD).map((failure) => ` ${failure}`).join("");
   const more = failures.length > TOLD ? ` And ${failures.length - TOLD} more.` : "";
-  status.textContent = `${finished.length} ${finished.length === 1 ? "shape" : "shapes"} ${done}.`
+  status.textContent = `${countOf(finished.length, "shape")} ${done}.`
     + (failures.length > 0 ? ` ${failures.length} not:${told}${more}` : "");
   return finished;
 }

@@ -36,7 +36,7 @@ def test_a_larger_copy_and_another_shape(archive: Client, run: Run, tmp_path: Pa
     assert lines[1] == ["1", "a", "cup.off", "same", "1", "1.0000", "0.0000"]
     assert lines[2] == ["1", "larger.off", "scaled", "2", "1.0000", "0.0000"]
     assert len(lines) == 3
-    assert "2 of 3 shapes in 1 groups" in done.stderr
+    assert "2 of 3 shapes in 1 group;" in done.stderr
     rows = list(
         csv.DictReader(io.StringIO(run("duplicates", "--scaled", "--csv", "--url", archive.url).stdout))
     )
@@ -83,7 +83,7 @@ def test_the_command_asks_until_all_shapes_are_judged(
     monkeypatch.setattr(service, "JUDGING_SECONDS", 0.001)
     assert archive.duplicates().unjudged
     done = run("duplicates", "--scaled", "--url", archive.url)
-    assert "3 of 3 shapes in 1 groups" in done.stderr
+    assert "3 of 3 shapes in 1 group;" in done.stderr
 
 
 def test_the_shape_that_a_variant_is_compared_with_is_named(capsys: pytest.CaptureFixture[str]) -> None:

@@ -40,7 +40,7 @@ def test_a_service_with_two_collections(archive: Client, collection: Path, run: 
         asked = run("query", cup, "--json", "--collection", named, *at)
         assert json.loads(asked.stdout)["stored"] == many
     found = run("duplicates", "--csv", *at)
-    assert "1 shapes" in found.stderr
+    assert "0 of 1 shape in" in found.stderr
     listed = run("collections", "--delete", "cast", *at)
     assert (listed.status, listed.stdout) == (1, "")
     assert "not empty" in listed.stderr.splitlines()[-1]

@@ -75,7 +75,7 @@ def test_tags_are_added_and_removed(archive: Client, stored: dict[str, Upload], 
 
 def test_shapes_are_tagged_by_a_filter(archive: Client, stored: dict[str, Upload], run: Run) -> None:
     done = run("tag", "--metadata", "rev=b", "--add", "second", "--remove", "steel", "--url", archive.url)
-    assert (done.status, done.stderr.splitlines()[-1]) == (0, "1 of 1 shapes changed")
+    assert (done.status, done.stderr.splitlines()[-1]) == (0, "1 of 1 shape changed")
     assert {shape.name: shape.tags for shape in archive.shapes()}[LONG] == ["second"]
     both = run("tag", "--tag", "cup,made", "--add", "new", "--url", archive.url)
     assert (both.status, [shape.name for shape in archive.shapes(tag=["new"])]) == (0, ["cup.off"])

@@ -180,7 +180,7 @@ def test_too_few_classes_and_files_that_cannot_be_used(run: Run, tmp_path: Path)
     (tmp_path / "octopus" / "bad.off").write_bytes(b"OFF\n")
     done = run("calibrate", tmp_path, "--limit", 9)
     assert done.status == 1
-    assert done.stderr.splitlines()[-1] == "isoshape: 1 files could not be used"
+    assert done.stderr.splitlines()[-1] == "isoshape: 1 file could not be used"
     code = done.stdout[done.stdout.index("CALIBRATED_PLAIN_POOL") :]
     constants: dict[str, object] = {"Calibration": Calibration}
     exec(code, constants)
