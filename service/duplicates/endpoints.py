@@ -93,7 +93,9 @@ async def duplicates(
         fingerprint = active_pipeline.fingerprint
         bounds = Search(fingerprint, options.variants, options.max_residual)
         counted = Counted(options.scaled, options.mirrored, options.decided)
-        return await service.find(container, shapes, bounds, counted, active_pipeline, timings)
+        return await service.find(
+            container, shapes, bounds, counted, active_pipeline, timings, with_paths=collection.shows_paths
+        )
 
     async with container.queue.admitted(request):
         answer = await while_connected(request, with_active_pipeline(container, find_groups))

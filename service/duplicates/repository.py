@@ -12,7 +12,14 @@ from service.index.repository import ENTRIES
 from service.shapes.records import ShapeFilter
 from service.shapes.repository import matching
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import DuplicatePairRow, EmbeddingRow, JudgedShapeRow, ShapeRow
+from service.storage.tables import (
+    DuplicatePairRow,
+    EmbeddingRow,
+    JudgedShapeRow,
+    ShapeRow,
+    SourceFileRow,
+    SourceRow,
+)
 
 LINK = (
     DuplicatePairRow.first_number,
@@ -25,6 +32,10 @@ LINK = (
     DuplicatePairRow.difference,
 )
 """The columns of the fields of a link, in their order."""
+
+
+MOST_PATHS = 100
+"""Paths of a shape that are told."""
 
 
 def embedded(session: ReadSession, fingerprint: str, wanted: ShapeFilter) -> frozenset[int]:
@@ -150,3 +161,24 @@ def _by(search: Search) -> tuple[ColumnElement[bool], ...]:
         row.variants.is_(search.variants),
         row.max_residual >= search.max_residual,
     )
+
+
+def paths_of(
+    session: ReadSession, collection: CollectionNumber, shapes: Collection[int]
+) -> dict[int, list[str]]:
+    """Return the paths of the first `MOST_PATHS` files of shapes that are in a collection's sources now."""
+    place = func.row_number().over(
+        partition_by=SourceFileRow.shape_number, order_by=(SourceFileRow.source_number, SourceFileRow.key)
+    )
+    files = (
+        select(SourceFileRow.shape_number, SourceRow.root, SourceFileRow.path, place.label("place"))
+        .join(SourceRow, SourceRow.number == SourceFileRow.source_number)
+        .where(SourceFileRow.shape_number.in_(shapes), SourceFileRow.state == "present")
+        .where(SourceRow.collection_number == collection, SourceRow.removed_at.is_(None))
+        .subquery()
+    )
+    first = select(files.c.shape_number, files.c.root, files.c.path).where(files.c.place <= MOST_PATHS)
+    paths: dict[int, list[str]] = {}
+    for shape, root, path in session.execute(first.order_by(files.c.shape_number, files.c.place)):
+        paths.setdefault(shape, []).append(f"{root}/{path}")
+    return paths

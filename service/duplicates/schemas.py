@@ -22,7 +22,11 @@ COLUMNS = (
     "difference",
     "compared_with",
     "decision",
+    "paths",
 )
+
+MOST_IN_CELL = 32_767
+"""The length of the longest text in a cell of a workbook."""
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of text that spreadsheets evaluate as a formula."""
@@ -57,6 +61,10 @@ class Duplicate(BaseModel):
     decision: Decision | None = Field(
         default=None, description="The decision on the shape and the first, if there is one."
     )
+    paths: list[str] = Field(
+        default_factory=list,
+        description="The paths of its files in sources, at most 100; none for a key that may not see paths.",
+    )
 
 
 class DuplicatesAnswer(BaseModel):
@@ -80,7 +88,8 @@ class DuplicatesAnswer(BaseModel):
             for duplicate in group:
                 text = "" if duplicate.difference is None else duplicate.difference.text
                 numbers = float(f"{duplicate.scale:.6g}"), duplicate.cc, duplicate.residual
-                last = text, duplicate.compared_with, duplicate.decision
+                paths = "\n".join(duplicate.paths)
+                last = text, duplicate.compared_with, duplicate.decision, paths
                 yield number, duplicate.shape.id, duplicate.shape.name, duplicate.likeness, *numbers, *last
 
     def csv(self) -> str:
@@ -105,5 +114,6 @@ class DuplicatesAnswer(BaseModel):
             sheet = workbook.add_worksheet("duplicates")
             sheet.freeze_panes(1, 0)
             for number, row in enumerate(self.rows()):
-                sheet.write_row(number, 0, row)
+                cells = [cell[:MOST_IN_CELL] if isinstance(cell, str) else cell for cell in row]
+                sheet.write_row(number, 0, cells)
         return file.getvalue()

@@ -51,8 +51,10 @@ async def find(
     counted: Counted,
     active_pipeline: ActivePipeline,
     timings: Timings,
+    *,
+    with_paths: bool = False,
 ) -> DuplicatesAnswer:
-    """Find the groups of near-identical shapes.
+    """Find the groups of near-identical shapes, perhaps with the paths of their files in sources.
 
     Shapes that are not judged yet are judged first, for about `JUDGING_SECONDS`, where the archive can be
     written to. The kept pairs within the bounds join the shapes of the whole collection; the filter, sizes
@@ -70,12 +72,20 @@ async def find(
             log.warning("the shapes are judged later: %s", error)
 
     with timings.stage("results"):
-        answer = await container.database.reading(_report, searches, shapes, bounds, counted)
+        answer = await container.database.reading(
+            _report, searches, shapes, bounds, counted, with_paths=with_paths
+        )
     return answer.model_copy(update={"milliseconds": timings.so_far()})
 
 
 def _report(
-    session: ReadSession, searches: Sequence[Search], wanted: ShapeFilter, bounds: Search, counted: Counted
+    session: ReadSession,
+    searches: Sequence[Search],
+    wanted: ShapeFilter,
+    bounds: Search,
+    counted: Counted,
+    *,
+    with_paths: bool,
 ) -> DuplicatesAnswer:
     collection = wanted.collection
     shapes = repository.embedded(session, bounds.fingerprint, wanted)
@@ -95,11 +105,15 @@ def _report(
     shown = [member for group in members for member in group]
     compared_with = {member.compared_with for member in shown if member.compared_with is not None}
     numbers = sorted({member.shape for member in shown} | compared_with)
+    parts = [numbers[start : start + RECORDS_AT_ONCE] for start in range(0, len(numbers), RECORDS_AT_ONCE)]
     records = {
         record.number: record
-        for start in range(0, len(numbers), RECORDS_AT_ONCE)
-        for record in shapes_repository.records(session, collection, numbers[start : start + RECORDS_AT_ONCE])
+        for part in parts
+        for record in shapes_repository.records(session, collection, part)
     }
+    paths: dict[int, list[str]] = {}
+    for part in parts if with_paths else ():
+        paths |= repository.paths_of(session, collection, part)
     compared, aligned = np.sum([repository.counts(session, each, shapes) for each in searches], axis=0)
     return DuplicatesAnswer(
         groups=[
@@ -115,6 +129,7 @@ def _report(
                     if decided and member is not group[0]
                     else None,
                     compared_with=records[member.compared_with].id if member.compared_with else None,
+                    paths=paths.get(member.shape, []),
                 )
                 for member in group
             ]

@@ -157,7 +157,8 @@ function item(one, place, members) {
   const { shape } = one;
   const made = shapeCard(shape, menuButton(shape, changes ? () => remove(shape) : null));
   const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one));
-  made.querySelector(".name")?.after(line, make("p", { className: "change" }, differs(one, members)));
+  const files = one.paths.map((path) => make("p", { className: "change" }, path));
+  made.querySelector(".name")?.after(line, make("p", { className: "change" }, differs(one, members)), ...files);
   return made;
 }
 

@@ -39,7 +39,7 @@
  * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number,
  *             version: string }} ShapeMap
  * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number,
- *             difference: { text: string } | null, compared_with: string | null }} Duplicate
+ *             difference: { text: string } | null, compared_with: string | null, paths: string[] }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
  * @typedef {{ id: string | null }} MergedShape
