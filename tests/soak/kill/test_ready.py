@@ -1,8 +1,7 @@
 """A service over HTTP that is killed at an operation on the disk is ready again within 5 s.
 
 These are seconds of a machine on which a service that ended at rest is ready within `AT_REST_SECONDS`:
-the starts after a kill are compared with such starts of the same run, and the service itself has no more
-seconds of a processor.
+the starts after a kill are compared with such starts of the same run, by the clock and by the processor.
 """
 
 import asyncio
@@ -111,10 +110,9 @@ def test_a_service_killed_at_an_operation_is_ready_within_5_seconds(
             asked(client, lambda client: finished(client, JOB_SECONDS))
             return asked(client, lambda client: state(client, place))
 
-        after_kill, processor, found = started(tmp_path, recovered)
-        at_rest, _, _ = started(tmp_path, recovered)
-        assert processor <= READY_SECONDS
-        ratios.append(after_kill / at_rest)
+        *after_kill, found = started(tmp_path, recovered)
+        *at_rest, _ = started(tmp_path, recovered)
+        ratios += [after / rest for after, rest in zip(after_kill, at_rest, strict=True)]
         assert found in states[acknowledged : acknowledged + 2], (
             f"operation {point}, {acknowledged} acknowledged"
         )
