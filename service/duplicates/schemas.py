@@ -81,7 +81,7 @@ class DuplicatesAnswer(BaseModel):
     )
     milliseconds: dict[str, float] = Field(description="The time of each stage.")
 
-    def rows(self) -> Iterator[tuple[str | int | float | None, ...]]:
+    def rows(self) -> Iterator[tuple[*tuple[str | int | float | None, ...], str]]:
         """Yield `COLUMNS`, and the cells of each shape of a group, with groups numbered from 1."""
         yield COLUMNS
         for number, group in enumerate(self.groups, 1):
@@ -114,6 +114,9 @@ class DuplicatesAnswer(BaseModel):
             sheet = workbook.add_worksheet("duplicates")
             sheet.freeze_panes(1, 0)
             for number, row in enumerate(self.rows()):
-                cells = [cell[:MOST_IN_CELL] if isinstance(cell, str) else cell for cell in row]
-                sheet.write_row(number, 0, cells)
+                *cells, paths = row
+                # The library leaves out a longer text; no path is cut.
+                while len(paths) > MOST_IN_CELL:
+                    paths = paths.rpartition("\n")[0]
+                sheet.write_row(number, 0, [*cells, paths])
         return file.getvalue()

@@ -24,7 +24,7 @@ from service.client import Client
 from service.compute import tasks
 from service.duplicates.endpoints import XLSX
 from service.duplicates.groups import Counted, Groups, Link
-from service.duplicates.schemas import COLUMNS, FORMULA, Duplicate, DuplicatesAnswer
+from service.duplicates.schemas import COLUMNS, FORMULA, MOST_IN_CELL, Duplicate, DuplicatesAnswer
 from service.search import scoring
 from service.shapes.schemas import SHAPE, Shape
 from service.storage.tables import DuplicatePairRow, JudgedShapeRow
@@ -121,6 +121,16 @@ def test_no_cell_is_a_formula() -> None:
     answer = DuplicatesAnswer(groups=[group], shapes=len(names), compared=0, aligned=0, milliseconds={})
     rows = csv.DictReader(io.StringIO(answer.csv(), newline=""))
     assert [row["name"] for row in rows] == [*(f"'{name}" for name in names[:-1]), names[-1]]
+
+
+def test_a_cell_of_a_workbook_has_whole_paths() -> None:
+    paths = [f"/models/{number:03}{'x' * 600}.off" for number in range(100)]
+    shape = Shape.model_validate(SHAPE)
+    one = Duplicate(shape=shape, likeness="same", scale=1.0, cc=1.0, residual=0.0, paths=paths)
+    made = DuplicatesAnswer(groups=[[one]], shapes=1, compared=0, aligned=0, milliseconds={})
+    told = cells_of(made.xlsx())[1][-1].split("\n")
+    assert told == paths[: len(told)]
+    assert len("\n".join(told)) <= MOST_IN_CELL < len("\n".join(paths[: len(told) + 1]))
 
 
 def test_a_workbook_has_the_rows_of_the_csv(planted: Running) -> None:
