@@ -1,8 +1,8 @@
 """The confidence of dense correspondences against the truth: a reliability diagram, and its fit.
 
-    python -m tests.studies.confidence DIR [--limit 14] [--vertices 1500] [--tosca COLLECTION]
+    python -m tests.studies.confidence DIR [--limit 14] [--vertices 1500] [--individuals 4] [--tosca TOSCA]
 
-Pairs of made bodies: another pose on another mesh, another individual, a part of 50 to 90 % of the area and
+Pairs of made bodies: another pose on another mesh, other individuals, a part of 50 to 90 % of the area and
 the whole, and the whole and a part. With --tosca, as many pairs of a collection with `.vts` files as well.
 For each kind and tenth of confidence, `confidence.csv` has the share of vertices within 0.05 of the true
 partner; `differences.csv` has the mean difference of the two by kind, and `fit.csv` the coefficients of
@@ -49,17 +49,16 @@ def part_of(mesh: Mesh, share: float, seed: int) -> tuple[Mesh, Ints]:
     return Mesh(mesh.vertices[kept], numbers.reshape(-1, 3)), kept
 
 
-def made_pairs(limit: int, vertices: int) -> Iterator[Pair]:
+def made_pairs(limit: int, vertices: int, individuals: int) -> Iterator[Pair]:
     """Yield pairs of bodies, with the errors of a map from the first to the second."""
     for number, label in enumerate(list(CLASSES)[:limit]):
-        one, other, finer = (
-            make_body(label, body, vertices=count)
-            for body, count in ((0, vertices), (1, vertices), (0, round(1.2 * vertices)))
-        )
+        one, finer = (make_body(label, 0, vertices=count) for count in (vertices, round(1.2 * vertices)))
         posed, whole = one.posed(0), one.posed(1)
         yield "pose", posed, finer.posed(1), _errors(surface_distances(finer), one.partners(finer)[0])
-        truth = individual_partners(one, other)[0]
-        yield "individual", posed, other.posed(2), _errors(surface_distances(other), truth)
+        for body in range(1, individuals + 1):
+            other = make_body(label, body, vertices=vertices)
+            truth = individual_partners(one, other)[0]
+            yield "individual", posed, other.posed(body + 1), _errors(surface_distances(other), truth)
         distances = surface_distances(one)
         part, kept = part_of(whole, 0.1 + 0.1 * (number % 5), number)
         yield "part and whole", part, posed, _errors(distances, kept)
@@ -156,10 +155,10 @@ def fitted(tables: Sequence[Sequence[Floats]]) -> Floats:
     return np.asarray(minimize(loss, np.zeros(design.shape[1]), method="Powell").x)
 
 
-def main(folder: Path, limit: int, vertices: int, tosca: Path | None) -> bool:
+def main(folder: Path, limit: int, vertices: int, individuals: int, tosca: Path | None) -> bool:
     """Measure, and write both tables."""
     found: dict[str, list[tuple[Floats, Floats, Floats]]] = {}
-    pairs = made_pairs(limit, vertices)
+    pairs = made_pairs(limit, vertices, individuals)
     for kind, first, second, truth in pairs if tosca is None else chain(pairs, known_pairs(tosca, limit)):
         found.setdefault(kind, []).append(judged(first, second, truth))
     tables = {
@@ -184,4 +183,4 @@ def _difference(rows: list[dict[str, Any]]) -> float:
 
 
 if __name__ == "__main__":
-    run(main, __doc__, limit=len(CLASSES), vertices=1500, tosca=Path)
+    run(main, __doc__, limit=len(CLASSES), vertices=1500, individuals=4, tosca=Path)
