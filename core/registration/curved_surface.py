@@ -64,6 +64,8 @@ class CurvedSurface:
         its smooth edges, as a sphere bends in two directions.
     spread : float64, shape (f, 3)
         Largest chord error around each corner: of its triangles, and the mean of their smooth regions.
+    sagittas : float64, shape (f, 3)
+        The same without the heights of edges that an even mesh does not follow: these lie between vertices.
     own : float64, shape (f,)
         Chord error of each triangle itself, or the mean of its smooth region: 0 for planes.
     regions : int64, shape (f,)
@@ -87,6 +89,7 @@ class CurvedSurface:
     flat: Floats
     chord: Floats
     spread: Floats
+    sagittas: Floats
     own: Floats
     regions: Ints
     twins: Ints
@@ -122,8 +125,8 @@ class CurvedSurface:
     def faceted(self) -> "CurvedSurface":
         """The triangles themselves as the surface, without chord errors."""
         flat = np.repeat(self.flat[:, None], 3, axis=1)
-        none = np.zeros(len(self.corners))
-        surface = replace(self, normals=flat, chord=none, spread=np.zeros((len(none), 3)), own=none)
+        none, nowhere = np.zeros(len(self.corners)), np.zeros((len(self.corners), 3))
+        surface = replace(self, normals=flat, chord=none, spread=nowhere, sagittas=nowhere, own=none)
         vars(surface)["tree"] = self.tree
         return surface
 
@@ -156,6 +159,12 @@ class CurvedSurface:
         smooth = np.einsum("nc,ncx->nx", shares, normals)
         smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), TINY)
         return points + bulge, smooth, np.einsum("nc,nc->n", shares, self.spread[faces])
+
+    def errors_of(self, shares: Floats, faces: Ints) -> Floats:
+        """Return the chord errors of points of the triangles themselves, shape (n,): less at the vertices."""
+        at_vertex = shares.max(axis=1) >= 1.0 - ON_EDGE
+        errors = np.where(at_vertex[:, None], self.sagittas[faces], self.spread[faces])
+        return np.asarray(np.einsum("nc,nc->n", shares, errors))
 
     def sagged(self, shares: Floats, faces: Ints) -> Floats:
         """Return the chord errors of points themselves, shape (n,): none at a vertex or on a plane."""
@@ -223,7 +232,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     plane = (facet_areas > PLANE * largest)[facets]
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
-    errors = np.maximum(chord, means[regions])
+    sagittas = np.maximum(chord, means[regions])
     # Even meshes do not follow edges and tips, at which they bend smoothly or sharply.
     loose = _scattered(
         corners,
@@ -233,10 +242,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     )
     bends = np.minimum(_sums(both, np.tile(turns, 2), len(corners)), STEEPEST)
     heights = SPACING * edge_lengths(corners).mean(axis=1) * np.tan(0.5 * bends)
-    errors = np.where(loose, np.maximum(errors, heights), errors)
-    # The largest error around each vertex.
-    around = np.zeros(len(vertices))
-    np.maximum.at(around, mesh.faces.ravel(), np.repeat(errors, 3))
+    errors = np.where(loose, np.maximum(sagittas, heights), sagittas)
     twins = np.full(3 * len(corners), -1)
     twins[half_edge], twins[twin] = twin, half_edge
     unpaired = sides.order[sides.first[~paired]]
@@ -248,7 +254,8 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         ),
         flat=flat,
         chord=chord,
-        spread=around[mesh.faces],
+        spread=_around(mesh.faces, errors),
+        sagittas=_around(mesh.faces, sagittas),
         own=np.where(plane, 0.0, errors),
         regions=regions,
         twins=twins,
@@ -275,6 +282,13 @@ def _at_gap(faces: Ints, unpaired: Ints, edges: int) -> NDArray[np.bool_]:
 def _sums(groups: Ints, values: Floats, count: int = 0) -> Floats:
     """Return the sums of the values of each group."""
     return np.bincount(groups, weights=values, minlength=count).astype(np.float64)
+
+
+def _around(faces: Ints, errors: Floats) -> Floats:
+    """Return the largest error of the triangles around each corner, shape (f, 3)."""
+    around = np.zeros(int(faces.max()) + 1)
+    np.maximum.at(around, faces.ravel(), np.repeat(errors, 3))
+    return np.asarray(around[faces])
 
 
 def _handles(mesh: Mesh, edges: int) -> int:

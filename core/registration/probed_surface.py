@@ -96,7 +96,7 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
     spread, spread_faces = evenly_spread_shares(areas, SPREAD)
     shares = np.concatenate([np.eye(3)[some % 3], on_sides, spread])
     faces = np.concatenate([some // 3, sides // 3, spread_faces])
-    points, normals, errors = curved.at(shares, faces)
+    points, normals, _ = curved.at(shares, faces)
     start = len(some)
     on_rims = np.arange(start, start + len(along))
     after = np.arange(start + len(sides), len(faces))
@@ -108,7 +108,7 @@ def probed_surface(mesh: Mesh) -> ProbedSurface:
         faces=faces,
         points=points,
         normals=normals,
-        errors=errors,
+        errors=curved.errors_of(shares, faces),
         fit=np.concatenate([np.arange(0, start, FIT), on_rims[::FIT], after[::FIT]]),
         rims=points[on_rims],
     )

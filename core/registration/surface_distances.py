@@ -98,7 +98,9 @@ class _Refined:
     def _measured(self, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the distances of points, and where sampling does not explain them."""
         shares, faces = self.own.curved.closest(points)
-        gaps, places, spans = distances_to(self.other, *self.own.curved.at(shares, faces), self.motion)
+        on_surface, normals, _ = self.own.curved.at(shares, faces)
+        errors = self.own.curved.errors_of(shares, faces)
+        gaps, places, spans = distances_to(self.other, on_surface, normals, errors, self.motion)
         far = gaps > PRECISION + FARTHEST * spans
         by_region = self.regions[self.own.curved.regions[faces]] & (
             np.abs(places) > PRECISION + CURVED * spans

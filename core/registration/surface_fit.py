@@ -226,7 +226,9 @@ def _patch(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> t
         # All of them are probes.
         return np.empty(0), np.empty((0, 3))
     curved = first.curved
-    points, normals, errors = curved.at(np.eye(3)[first.corners % 3], first.corners // 3)
+    shares, faces = np.eye(3)[first.corners % 3], first.corners // 3
+    points, normals, _ = curved.at(shares, faces)
+    errors = curved.errors_of(shares, faces)
     # Most vertices are within their own error of some triangle, which ends their search.
     moved, near = motion.apply(points), PRECISION + FARTHEST * errors
     shares, other = second.curved.tree.closest(moved, near=near)

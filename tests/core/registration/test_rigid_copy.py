@@ -280,7 +280,10 @@ def even(kind: str, level: int) -> Mesh:
 
 @pytest.mark.parametrize(
     ("kind", "level", "height", "width"),
-    [("sphere", 3, 4.0, 25.0), ("ellipsoid", 5, 1.0, 4.0), ("torus", 3, -2.0, 35.0)],
+    [
+        *[("sphere", 3, 4.0, 25.0), ("ellipsoid", 5, 1.0, 4.0), ("torus", 3, -2.0, 35.0)],
+        *[("sphere", 4, 3.0, 8.0), ("torus", 4, -2.0, 8.0), ("torus", 4, 1.0, 12.0)],
+    ],
 )
 def test_a_smooth_bump_or_dent_on_an_even_mesh_makes_a_variant(
     kind: str, level: int, height: float, width: float
