@@ -84,7 +84,7 @@ async def duplicates(
 
     Copies of other sizes are duplicates with `scaled`, and two poses of one body never are. The service
     judges stored shapes while it is idle, and keeps the pairs. A request judges missing shapes, and begins no
-    further one after 20 seconds; `unjudged` says how many remain.
+    further one after 5 seconds; `unjudged` says how many remain.
     """
     timings = Timings()
     shapes = options.filtered(collection)

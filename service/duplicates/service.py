@@ -29,7 +29,7 @@ from service.shapes.records import ShapeFilter
 from service.shapes.schemas import Shape
 from service.storage.database import ReadSession
 
-JUDGING_SECONDS = 20.0
+JUDGING_SECONDS = 5.0
 """The time after which a request begins to judge no further shape."""
 
 RECORDS_AT_ONCE = 1_000
@@ -215,8 +215,8 @@ async def _judge_some(
 ) -> bool:
     """Judge the oldest shapes that are neither judged nor being judged; False if none of them can be judged.
 
-    A shape cannot be judged while the index does not have it. `wanted` is awaited before each shape and says
-    whether to go on.
+    If all are being judged, wait for one of them. A shape cannot be judged while the index does not have it.
+    `wanted` is awaited before each shape and says whether to go on.
     """
 
     async def look() -> list[tuple[CollectionNumber, int]]:
@@ -224,7 +224,13 @@ async def _judge_some(
         return await reading(repository.unjudged, search, collection=collection, limit=JUDGED_AT_ONCE)
 
     unjudged = await look()
-    waiting = iter(unjudged)
+    keys = {(shape, search.variants) for _, shape in unjudged}
+    in_progress = keys & container.judging
+    if keys and keys == in_progress:
+        while keys <= container.judging:
+            await asyncio.sleep(BUSY_SECONDS)
+        return True
+    waiting = iter([(of, shape) for of, shape in unjudged if (shape, search.variants) not in in_progress])
 
     async def take() -> None:
         for of, shape in waiting:
@@ -238,9 +244,6 @@ async def _judge_some(
                 finally:
                     container.judging.discard(key)
 
-    in_progress = [shape for _, shape in unjudged if (shape, search.variants) in container.judging]
-    if unjudged and len(in_progress) == len(unjudged):
-        await asyncio.sleep(BUSY_SECONDS)
     await together(take() for _ in range(at_a_time))
     return bool(in_progress) or (bool(unjudged) and await look() != unjudged)
 

@@ -61,6 +61,8 @@ def planted(shared: Running) -> Running:
         shared.store(write_mesh(body(name), "off"), f"{name}.off", tags="original")
     for name, (of, _, _, copy) in PLANTED.items():
         shared.store(write_mesh(copy(body(of)), "off"), f"{name}.off", tags="copy")
+    while shared.client.get("/duplicates").json()["unjudged"]:
+        pass
     return shared
 
 

@@ -1,6 +1,8 @@
 """Kept pairs: complete, whoever judges and in whatever order, and gone with their shapes."""
 
+import asyncio
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +109,25 @@ def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(
         answer = running.client.get("/duplicates").json()
         assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, 2)
     assert len(ask(running)["groups"][0]) == 3
+
+
+def test_a_request_waits_for_a_shape_that_another_one_judges(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clients ask again while fewer shapes remain."""
+    for seed in range(2):
+        running.store(copy_of_plane(seed), f"{seed}.off")
+    judge = ShapeJudge.judge
+
+    async def slowly(self: ShapeJudge) -> None:
+        await asyncio.sleep(1.0)
+        await judge(self)
+
+    monkeypatch.setattr(ShapeJudge, "judge", slowly)
+    monkeypatch.setattr(service, "JUDGING_SECONDS", 0.0)
+    with ThreadPoolExecutor(3) as pool:
+        answers = list(pool.map(lambda _: running.client.get("/duplicates").json(), range(3)))
+    assert max(answer["unjudged"] for answer in answers) <= 1
 
 
 def test_copies_of_a_deleted_copy_stay_in_one_group(running: Running) -> None:
