@@ -108,7 +108,7 @@ def of_all_collections(method: str, path: str) -> bool:
 
 
 # Their answers hold paths of the machine, which reading keys must not see.
-SOURCES = "/sources"
+SOURCES, EQUAL_FILES = "/sources", "/equal-files"
 
 
 def needed(method: str, path: str) -> Level | None:
@@ -117,7 +117,7 @@ def needed(method: str, path: str) -> Level | None:
         return None
     if method in SAFE_METHODS and path.startswith(PAGE_FILES):
         return None
-    if path == SOURCES or path.startswith(f"{SOURCES}/"):
+    if path in {SOURCES, EQUAL_FILES} or path.startswith(f"{SOURCES}/"):
         return "full"
     if method in SAFE_METHODS or (method == "POST" and path in READING_POSTS):
         return "read"
@@ -190,7 +190,7 @@ class Gate:
         if grant is None:
             raise UnauthorizedError("send a key as Authorization: Bearer, or as X-API-Key")
         if level == "full" and grant.level != "full":
-            raise ForbiddenError("the key may read and query, and change nothing")
+            raise ForbiddenError("the key may read and query, but change nothing and see no paths")
         if grant.collections is not None and of_all_collections(method, path):
             raise ForbiddenError("the key is limited to some collections")
         if grant.digest is not None:

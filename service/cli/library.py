@@ -2,13 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from service.cli.service_address import Collection, Key, Url, service_at
+from service.cli.superfluous import move, print_groups, superfluous, write_script
 from service.client import Client
 from service.console import count_of, fail, output, progress, say, table
 from service.shapes.fields import split_tags
@@ -44,26 +44,43 @@ def library_command(
     copy: Annotated[
         bool, typer.Option("--copy", help="Store the bytes of the files in the archive too.")
     ] = False,
+    merged: Annotated[
+        bool,
+        typer.Option("--merged", help="With `equal`, also the files of shapes that were merged into others."),
+    ] = False,
+    apply: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="script FILE | move DIR",
+            help="With `equal`, write a shell script that removes all but the kept files, or move them to a "
+            "folder of this machine.",
+        ),
+    ] = None,
     url: Url = None,
     key: Key = None,
     collection: Collection = None,
 ) -> None:
     """List, add, scan and remove folders that stay in place.
 
-    The mesh files of a folder are shapes, and stay where they are; no file is ever written or deleted.
+    The mesh files of a folder are shapes, and stay where they are; the service writes and deletes none.
     `add` stores them, and `rescan` what has changed since, in one source or in all; `isoshape serve` rescans
     by itself. `rule` sets the rules of a source, by which its shapes are tagged; without a name it sets, or
     lists, those of the collection, by which shapes are tagged by their metadata. A source is offline if its
     folder is absent or empty, or has lost more than half of its files: nothing is deleted then, until
     `confirm` says that the files are gone for good. `equal` prints the files that are there more than once,
-    with an empty line between shapes. `remove` deletes the shapes of a source; for a time,
+    in one source or in all, with an empty line between groups: first the one to keep, then the others, and
+    which of them are left in any case. `remove` deletes the shapes of a source; for a time,
     `isoshape restore` brings them back. Scans print the refused files that are new, `list NAME` all of them.
 
     A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
     database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
     """
-    if target is None and action in {"add", "confirm", "equal", "remove"}:
+    if target is None and action in {"add", "confirm", "remove"}:
         fail(f"library {action} needs a name", status=2)
+    if (merged or apply) and action != "equal":
+        fail("--merged and --apply are options of library equal", status=2)
+    if apply is not None and apply[0] not in {"script", "move"}:
+        fail("--apply takes script FILE or move DIR", status=2)
     if action == "rule" and rule is None and target is not None:
         fail("library rule needs --rule; --rule '' takes all rules away", status=2)
     with service_at(url, key, collection, new=action == "add") as client:
@@ -99,11 +116,14 @@ def library_command(
         elif action == "confirm":
             _follow(client, [_named(client, target or "")], client.confirm_source)
         elif action == "equal":
-            source = _named(client, target or "")
-            for number, (_, files) in enumerate(
-                groupby(client.source_files(source.id, equal=True), lambda file: file.shape_id)
-            ):
-                typer.echo("\n" * (number > 0) + "\n".join(f"{source.path}/{file.path}" for file in files))
+            of = None if target is None else _named(client, target)
+            groups = superfluous(client, of, merged=merged)
+            if apply is None:
+                print_groups(groups)
+            elif apply[0] == "script":
+                write_script(groups, apply[1])
+            else:
+                move(client, groups, apply[1])
         else:
             client.remove_source(_named(client, target or "").id)
 

@@ -53,7 +53,15 @@ from service.shapes.schemas import (
     ShapePage,
     UploadedShape,
 )
-from service.sources.schemas import FileState, Source, SourceFile, SourceFilePage, Sources
+from service.sources.schemas import (
+    FileGroup,
+    FileGroupPage,
+    FileState,
+    Source,
+    SourceFile,
+    SourceFilePage,
+    Sources,
+)
 from service.system.schemas import Version
 
 P = ParamSpec("P")
@@ -504,6 +512,11 @@ def source_files(
     """List the files of a source, those of one shape, or those that are there more than once."""
     path, conditions = f"{_source(source_id)}/files", {"state": state, "shape_id": shape_id, "equal": equal}
     return pages(path, SourceFilePage, lambda answer: answer.files, **conditions)
+
+
+def equal_files(*, merged: bool = False) -> Call[Step[FileGroup]]:
+    """List groups of equal files, the one to keep first; `merged` joins files whose shapes were merged."""
+    return pages("/equal-files", FileGroupPage, lambda answer: answer.groups, merged=merged)
 
 
 def set_source_rules(source_id: str, rules: Mapping[str, Sequence[str]]) -> Call[Source]:

@@ -127,6 +127,7 @@ class _Methods:
     source = _once(calls.source)
     follow_source = _series(calls.follow_source)
     source_files = _series(calls.source_files)
+    equal_files = _series(calls.equal_files)
     set_source_rules = _once(calls.set_source_rules)
     rules = _once(calls.rules)
     set_rules = _once(calls.set_rules)

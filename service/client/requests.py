@@ -11,13 +11,10 @@ import httpx
 from pydantic import BaseModel, JsonValue, ValidationError
 
 from service.collection import is_name
-from service.duplicates.decision_schemas import DecisionPage, MergePage
 from service.errors import ExpectedError
 from service.http.problem_document import MEDIA_TYPE, TYPE_PREFIX, Problem
-from service.jobs.schemas import JobFilePage, JobPage
 from service.shapes.fields import plain_values
-from service.shapes.schemas import DeletedShapePage, ShapePage
-from service.sources.schemas import SourceFilePage
+from service.shapes.schemas import Page
 
 File = str | Path | tuple[str, bytes]
 """A mesh to send: its path, or its name (with the ending of its format) and its bytes."""
@@ -28,9 +25,7 @@ Conditions = Mapping[str, JsonValue] | Sequence[str]
 T = TypeVar("T")
 U = TypeVar("U")
 Model = TypeVar("Model", bound=BaseModel)
-PageModel = TypeVar(
-    "PageModel", ShapePage, DeletedShapePage, JobPage, JobFilePage, SourceFilePage, DecisionPage, MergePage
-)
+PageModel = TypeVar("PageModel", bound=Page)
 
 LONGEST_PAGE = 500
 """The most items on one page."""

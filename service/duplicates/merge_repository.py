@@ -12,9 +12,10 @@ from service.storage.tables import DuplicateMergeRow
 
 
 class Merge(NamedTuple):
-    """A merged group: the id of the shape that stayed, its former tags and metadata, the deleted ids."""
+    """A merged group: the id of the shape that stayed, its file, tags and metadata then, the deleted ids."""
 
     shape: str
+    sha256: str
     tags: Sequence[str]
     metadata: Mapping[str, Any]
     deleted: list[str]
@@ -27,6 +28,7 @@ def add(session: WriteSession, collection: CollectionNumber, act: str, merge: Me
             id=act,
             collection_number=collection,
             shape=merge.shape,
+            sha256=merge.sha256,
             tags=list(merge.tags),
             meta=dict(merge.metadata),
             deleted=merge.deleted,
@@ -42,7 +44,9 @@ def of_id(
     row = DuplicateMergeRow
     query = select(row).where(row.collection_number == collection, row.id == act, row.number > after)
     rows = session.scalars(query.order_by(row.number).limit(limit))
-    return [(each.number, Merge(each.shape, each.tags, each.meta, each.deleted)) for each in rows]
+    return [
+        (each.number, Merge(each.shape, each.sha256, each.tags, each.meta, each.deleted)) for each in rows
+    ]
 
 
 def latest(session: ReadSession, collection: CollectionNumber, shapes: Sequence[str]) -> dict[str, int]:

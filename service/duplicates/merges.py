@@ -78,7 +78,8 @@ def _merged(
         shapes_service.delete(session, collection, record.id, undo)
     if act is not None:
         deleted = [record.id for record in others]
-        merge_repository.add(session, collection, act, Merge(kept.id, kept.tags, kept.metadata, deleted))
+        row = Merge(kept.id, kept.sha256, kept.tags, kept.metadata, deleted)
+        merge_repository.add(session, collection, act, row)
     return shapes_service.change(session, collection, kept.id, changes, collection)
 
 

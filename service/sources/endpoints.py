@@ -1,4 +1,7 @@
-"""The addresses under /sources. All of them need a key that may write: their answers have paths."""
+"""The addresses under /sources, and /equal-files.
+
+All of them need a key that may write: their answers have paths.
+"""
 
 from functools import partial
 from typing import Annotated
@@ -6,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import Field
 
-from service.auth.gate import SOURCES
+from service.auth.gate import EQUAL_FILES, SOURCES
 from service.collections.endpoints import InCollection, address
 from service.container import Service
 from service.http.problems import READ_PROBLEMS, WRITE_PROBLEMS, documented
@@ -14,9 +17,17 @@ from service.http.request_bodies import once_each
 from service.shapes.endpoints import PageOptions
 from service.shapes.fields import Id
 from service.shapes.schemas import read_cursor
-from service.sources import service
+from service.sources import service, superfluous
 from service.sources.scanner import Scanner
-from service.sources.schemas import FileState, NewRules, NewSource, Source, SourceFilePage, Sources
+from service.sources.schemas import (
+    FileGroupPage,
+    FileState,
+    NewRules,
+    NewSource,
+    Source,
+    SourceFilePage,
+    Sources,
+)
 
 router = APIRouter(tags=["sources"])
 
@@ -73,6 +84,34 @@ async def add_source(
     scanner.look()
     response.headers["Location"] = address(f"{SOURCES}/{source.id}", collection)
     return source
+
+
+class FileGroupListing(PageOptions):
+    """A page of groups of files."""
+
+    merged: bool = Field(
+        default=False, description="Join files whose shapes were merged, as long as the merge can be undone."
+    )
+
+
+@router.get(
+    EQUAL_FILES,
+    summary="List equal files",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(FileGroupListing)],
+)
+def list_equal_files(
+    listing: Annotated[FileGroupListing, Query()], container: Service, collection: InCollection
+) -> FileGroupPage:
+    """Return the groups of files with equal bytes, of all sources that are ready: one file of each is enough.
+
+    The kept file is the first by source and path. The service removes no file.
+    """
+    after = read_cursor(listing.cursor)
+    with container.database.read() as session:
+        return superfluous.groups(
+            session, collection.number, merged=listing.merged, after=after, limit=listing.limit
+        )
 
 
 @router.get(

@@ -191,3 +191,31 @@ class SourceFilePage(Page):
     """A page of a source's files, in the order in which they were found."""
 
     files: list[SourceFile]
+
+
+class GroupedFile(BaseModel):
+    """A file of a group."""
+
+    source_id: str
+    path: str = Field(description="The absolute path on the service's machine.")
+    bytes: int
+    sha256: str
+    role: Literal["kept", "equal", "merged"] = Field(
+        description="`equal`: it has the bytes of the kept file. `merged`: its shape was merged into that of "
+        "the kept file, and its bytes are others: it may be a variant."
+    )
+    left: str | None = Field(
+        description="The reason why the file is not to be removed; null if it can go, and for the kept file."
+    )
+
+
+class FileGroup(BaseModel):
+    """Two or more files of which one is enough: the kept one first, the others by source and path."""
+
+    files: list[GroupedFile]
+
+
+class FileGroupPage(Page):
+    """A page of groups of files, those of the oldest kept shape first."""
+
+    groups: list[FileGroup]

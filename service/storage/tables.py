@@ -378,8 +378,8 @@ class DuplicateDecisionRow(Table):
 class DuplicateMergeRow(Table):
     """What undoes a merge of shapes of one collection, as long as the deleted shapes can be restored.
 
-    `shape` is the id of the shape that stayed, with its former `tags` and `meta`, and `deleted` has the ids
-    of the others. The rows of all groups that a rule merges share their `id`.
+    `shape` is the id of the shape that stayed, with the `sha256` of its file, and its former `tags` and
+    `meta`. `deleted` has the ids of the others. The rows of all groups that a rule merges share their `id`.
     """
 
     __tablename__ = "duplicate_merges"
@@ -393,6 +393,7 @@ class DuplicateMergeRow(Table):
     id: Mapped[str] = mapped_column(AnyText(36))
     collection_number: Mapped[int] = mapped_column(ForeignKey("collections.number", ondelete="CASCADE"))
     shape: Mapped[str] = mapped_column(AnyText(36))
+    sha256: Mapped[str] = mapped_column(String(64))
     tags: Mapped[list[str]] = mapped_column(JSON)
     meta: Mapped[dict[str, Any]] = mapped_column(JSON)
     deleted: Mapped[list[str]] = mapped_column(JSON)

@@ -1,5 +1,6 @@
 """`isoshape library`: a folder is added, listed, scanned, lost, found again and removed."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -39,11 +40,19 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     places = {f"in the library {folder}/{path}" for path in ("a.off", "deep/copy.off")}
     assert places <= set(run("show", "a.off", *at).stdout.splitlines())
     (source,) = archive.sources().sources
-    equal = run("library", "equal", "models", *at)
-    assert {*equal.stdout.splitlines()} == {f"{folder}/a.off", f"{folder}/deep/copy.off"}
+    for of in ((), ("models",)):
+        equal = run("library", "equal", *of, *at)
+        assert equal.stdout.splitlines() == [f"kept    {folder}/a.off", f"equal   {folder}/deep/copy.off"]
+        assert f"1 file of {len(small_file(1)):,} bytes can go" in equal.stderr
     assert not [*archive.source_files(source.id, shape_id=shape.id, state="missing")]
     assert not [*archive.source_files(source.id, shape_id=source.id)]
-    (folder / "deep" / "copy.off").unlink()
+    assert run("library", "equal", "--apply", "script", tmp_path / "script.sh", *at).status == 0
+    assert (folder / "deep" / "copy.off").exists()
+    moved = run("library", "equal", "--merged", "--apply", "move", tmp_path / "moved", *at)
+    assert (moved.status, moved.stdout.startswith(f"moved {folder}/deep/copy.off to ")) == (0, True)
+    assert [path.name for path in (tmp_path / "moved").rglob("*.off")] == ["copy.off"]
+    script = subprocess.run(["sh", tmp_path / "script.sh"], capture_output=True, text=True, check=True)
+    assert script.stdout == f"gone already: {folder}/deep/copy.off\n"
     (folder / "deep").rmdir()
     assert run("library", "rescan", *at).status == 0
     assert "copy.off" not in run("show", "a.off", *at).stdout
@@ -85,6 +94,8 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     ("arguments", "status", "words"),
     [
         (("add",), 2, "library add needs a name"),
+        (("list", "--merged"), 2, "options of library equal"),
+        (("equal", "--apply", "delete", "all"), 2, "script FILE or move DIR"),
         (("add", "/", "--rule", "brackets/"), 2, "write a pattern, = and tags"),
         (("add", "/"), 1, "ISOSHAPE_SOURCE_ROOTS"),
         (("remove", "no such"), 1, "there is no source 'no such'"),

@@ -75,6 +75,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
     ("source", ("id",), {}, "GET /sources/{source_id}"),
     ("follow_source", ("id",), {"seconds": 0.0}, "GET /sources/{source_id}"),
     ("source_files", ("id",), {"state": "missing", "shape_id": "id"}, "GET /sources/{source_id}/files"),
+    ("equal_files", (), {"merged": True}, "GET /equal-files"),
     ("set_source_rules", ("id", {"p/": ["b"]}), {}, "PUT /sources/{source_id}/rules"),
     ("rules", (), {}, "GET /rules"),
     ("set_rules", ({"k=v*": ["b"]},), {}, "PUT /rules"),
@@ -137,6 +138,7 @@ SERIES = {
     "follow_job",
     "follow_source",
     "source_files",
+    "equal_files",
 }
 # Paths that browsers and probes ask for, and the one that `follow_job` does by asking again.
 NOT_CALLED = {

@@ -185,6 +185,7 @@ SENT: dict[Operation, list[Send]] = {
     ],
     ("GET", "/sources"): [to("GET", "/sources")],
     ("POST", "/sources"): [a_folder],
+    ("GET", "/equal-files"): [to("GET", "/equal-files")],
     ("GET", "/sources/{source_id}"): [to("GET", "/sources/{source_id}")],
     ("GET", "/sources/{source_id}/files"): [to("GET", "/sources/{source_id}/files")],
     ("PUT", "/sources/{source_id}/rules"): [
