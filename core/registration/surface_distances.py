@@ -19,7 +19,14 @@ from core.mesh.mesh import Mesh
 from core.mesh.subdivision import edge_table, refine, split_faces
 from core.registration.probed_surface import ProbedSurface
 from core.registration.similarity import Similarity, to_unit_area
-from core.registration.surface_fit import CURVED, FARTHEST, PRECISION, deviating_regions, distances_to
+from core.registration.surface_fit import (
+    CURVED,
+    FARTHEST,
+    PRECISION,
+    deviating_regions,
+    distances_to,
+    local_deviation,
+)
 
 EVERYWHERE = 1500
 """Edges are split down to those of an even mesh with so many vertices."""
@@ -42,7 +49,7 @@ class SurfaceDistances:
     distances : float64, shape (n,)
         The distance of each vertex from the other surface after the registration, in units of this file.
     deviating : bool, shape (n,)
-        Where the sampling errors of both meshes do not explain the distance.
+        Where the sampling errors of both meshes do not explain the distance: nowhere on copies.
     """
 
     mesh: Mesh
@@ -70,9 +77,10 @@ def surface_distances(
     """
     units = [to_unit_area(surface.samples) for surface in surfaces]
     motion = units[0].inverse.then(transform).then(units[1])
-    first = _Refined(shown[0], surfaces[0], surfaces[1], motion)
-    second = _Refined(shown[1], surfaces[1], surfaces[0], motion.inverse)
-    for _ in range(PASSES):
+    differ = not local_deviation(*surfaces, motion).within
+    first = _Refined(shown[0], surfaces[0], surfaces[1], motion, differ)
+    second = _Refined(shown[1], surfaces[1], surfaces[0], motion.inverse, differ)
+    for _ in range(PASSES if differ else 0):
         there, back = first.news, second.news
         first.refine(motion.invert(back))
         second.refine(motion.apply(there))
@@ -82,8 +90,10 @@ def surface_distances(
 class _Refined:
     """A mesh at unit area, and the distances of its vertices from the other surface in the same unit."""
 
-    def __init__(self, shown: Mesh, own: ProbedSurface, other: ProbedSurface, motion: Similarity) -> None:
-        self.own, self.other, self.motion = own, other, motion
+    def __init__(
+        self, shown: Mesh, own: ProbedSurface, other: ProbedSurface, motion: Similarity, differ: bool
+    ) -> None:
+        self.own, self.other, self.motion, self.differ = own, other, motion, differ
         chosen, group = merge_vertices(shown.vertices)
         self.unit = to_unit_area(own.samples)
         mesh = refine(Mesh(self.unit.apply(shown.vertices[chosen]), group[shown.faces]), EVERYWHERE)
@@ -105,7 +115,7 @@ class _Refined:
         by_region = self.regions[self.own.curved.regions[faces]] & (
             np.abs(places) > PRECISION + CURVED * spans
         )
-        return gaps / self.motion.scale, far | by_region
+        return gaps / self.motion.scale, (far | by_region) & self.differ
 
     def refine(self, points: Floats) -> None:
         """Split edges at vertices that deviate or were nearest to points of the other surface that deviate.

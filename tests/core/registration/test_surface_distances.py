@@ -6,8 +6,10 @@ from manifold3d import Manifold
 
 from core.mesh.mesh import Mesh
 from core.registration.probed_surface import probed_surface
+from core.registration.rigid_copy import copy_by_surfaces
 from core.registration.similarity import Similarity, similarity_of, to_unit_area
 from core.registration.surface_distances import SurfaceDistances, surface_distances
+from tests.core.registration.test_rigid_copy import even
 from tests.studies.copies import moved
 
 SIZE = (60.0, 40.0, 10.0)
@@ -105,6 +107,20 @@ def test_a_copy_on_other_triangles_has_no_difference() -> None:
         assert one.largest == 0.0
         assert not one.deviating.any()
         assert one.distances.max() <= errors
+
+
+@pytest.mark.parametrize("spikes", [2, 20])
+def test_what_the_judge_overlooks_is_not_drawn(spikes: int) -> None:
+    """A copy with a few flaws is a copy; where there are many, each shows."""
+    ball = even("sphere", 4)
+    vertices = ball.vertices.copy()
+    vertices[:: len(vertices) // spikes] *= 1.04
+    second = Mesh(vertices, ball.faces)
+    found = copy_by_surfaces(probed_surface(ball), probed_surface(second), (ball.vertices, vertices))
+    assert found is not None
+    assert (found.difference is None) == (spikes == 2)
+    drawn = max(one.largest for one in distances(ball, second, found.placing.inverse))
+    assert drawn == (0.0 if found.difference is None else pytest.approx(2.0, rel=0.05))
 
 
 def test_the_transform_to_unit_area_goes_before_and_after_another() -> None:
