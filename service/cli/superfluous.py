@@ -24,11 +24,17 @@ SCRIPT = r"""#!/bin/sh
 # Read it, delete the lines of files that shall stay, and run it with sh where the service runs.
 #
 # equal: the file has the bytes of the kept file.
-# merged: its shape was merged into that of the kept file. Its bytes are others; it may be a variant.
+# merged: its shape was merged into that of the kept file. Its bytes are others: it may be a variant. Without
+# it, the merge cannot be undone.
 #
 # A file goes if it and the kept file are two files that have the SHA-256 of their last scan. It is renamed
 # first: if the kept file is gone then, both paths lead to one file, and its name comes back.
 set -eu
+
+# Whether a path is that of a file, and leads over no link.
+in_place() {
+    [ -f "$1" ] && [ ! -L "$1" ] && [ "$(cd -- "${1%/*}" && pwd -P)/${1##*/}" = "$1" ]
+}
 
 has() {
     [ "$(sha256sum < "$1")" = "$2  -" ]
@@ -45,7 +51,7 @@ remove() {
         printf 'left, since %s is there: %s\n' "$aside" "$2"
     elif [ ! -e "$2" ] && [ ! -L "$2" ]; then
         printf 'gone already: %s\n' "$2"
-    elif [ ! -f "$2" ] || [ -L "$2" ] || ! has "$2" "$3"; then
+    elif ! in_place "$2" || ! has "$2" "$3"; then
         printf 'left, not the file of the last scan: %s\n' "$2"
     elif [ ! -f "$4" ] || [ "$2" -ef "$4" ] || ! has "$4" "$5"; then
         printf 'left, the kept file is not there as another one: %s\n' "$2"
@@ -68,9 +74,7 @@ def superfluous(client: Client, source: Source | None, *, merged: bool) -> list[
     """Return the groups with superfluous files, with those of one source only, or of all."""
     for other in client.sources().sources:
         if other.state != "ready":
-            say(
-                f"{other.name} is {other.state}: its files are left out; `isoshape library list {other.name}`"
-            )
+            say(f"{other.name} is {other.state}: its files are left out")
     groups = []
     for group in client.equal_files(merged=merged):
         kept, *others = group.files
@@ -93,7 +97,7 @@ def print_groups(groups: Sequence[FileGroup]) -> None:
     size = sum(file.bytes for file in files)
     say(f"{count_of(len(files), 'file')} of {size:,} bytes can go; --apply writes a script, or moves them")
     if any(file.role == "merged" for file in files):
-        say("merged: the shape was merged into that of the kept file; its bytes are others")
+        say("the bytes of merged files are others: they may be variants")
 
 
 def write_script(groups: Sequence[FileGroup], place: str) -> None:
@@ -154,17 +158,20 @@ def _move(file: GroupedFile, kept: GroupedFile, folder: Path) -> Path:
     path = Path(file.path)
     target = folder.joinpath(*path.parts[1:])
     before = path.lstat()
-    if not stat.S_ISREG(before.st_mode) or not _has(file):
-        raise _LeftError("it is not the file of the last scan")
-    if os.path.samestat(before, os.stat(kept.path)) or not _has(kept):
-        raise _LeftError(f"{kept.path} is not there as another file")
+    # A link in the path may lead out of the source.
+    if not stat.S_ISREG(before.st_mode) or path.resolve() != path:
+        raise _LeftError("it is no plain file, or a link leads to it")
+    if os.path.samestat(before, os.stat(kept.path)):
+        raise _LeftError(f"it is {kept.path} by another path")
     target.parent.mkdir(parents=True, exist_ok=True)
     if not target.parent.resolve().is_relative_to(folder):
         raise _LeftError(f"a link leads out of {folder}")
     _copy(path, target)
     try:
-        if not _has(file, target) or _state(path.lstat()) != _state(before) or not _has(kept):
-            raise _LeftError("it, or the kept file, changes")
+        if not _has(file, target) or _state(path.lstat()) != _state(before):
+            raise _LeftError("it is not the file of the last scan")
+        if not _has(kept):
+            raise _LeftError(f"{kept.path} is not the file of the last scan")
     except BaseException:
         target.unlink()
         raise
@@ -189,8 +196,6 @@ def _copy(path: Path, target: Path) -> None:
     """Give a file a second path, or copy it to another file system; raise OSError if the path is there."""
     try:
         os.link(path, target)
-    except FileExistsError:
-        raise
     except OSError:
         target.touch(exist_ok=False)
         try:

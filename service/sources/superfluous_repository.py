@@ -57,7 +57,7 @@ def _present(query: Select[*tuple[Any, ...]], collection: CollectionNumber) -> S
         .join(ShapeRow, ShapeRow.number == SourceFileRow.shape_number)
         .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
         .where(SourceFileRow.state == "present", SourceFileRow.sha256 == BlobRow.sha256)
-        .where(SourceRow.state == "ready", SourceRow.removed_at.is_(None))
+        .where(SourceRow.state == "ready", ~SourceRow.requested, SourceRow.removed_at.is_(None))
         .where(SourceRow.collection_number == collection, ShapeRow.collection_number == collection)
     )
 

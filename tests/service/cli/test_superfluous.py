@@ -141,6 +141,16 @@ def test_a_file_is_left_if_it_or_the_kept_one_is_not_as_it_was(
     assert {each: (each.lstat().st_ino, each.read_bytes()) for each in root.iterdir()} == before
 
 
+def test_a_link_in_a_path_is_not_followed(root: Path, tmp_path: Path, apply: Apply) -> None:
+    put(root / "kept.off", b"one")
+    put(root / "folder" / "other.off", b"one")
+    wanted = [group(root, "kept.off", "folder/other.off")]
+    (root / "folder").rename(tmp_path / "outside")
+    (root / "folder").symlink_to(tmp_path / "outside")
+    assert "left" in apply(wanted)
+    assert (tmp_path / "outside" / "other.off").read_bytes() == b"one"
+
+
 def test_a_merged_file_has_other_bytes_and_the_rest_is_left(root: Path, tmp_path: Path, apply: Apply) -> None:
     put(root / "kept.off", b"one")
     put(root / "variant.off", b"a variant")
@@ -216,13 +226,23 @@ def test_a_move_keeps_paths_and_overwrites_nothing(
         def no_link(*_: object) -> None:
             raise OSError(18, "Invalid cross-device link")
 
+        def while_written(of: Path, to: Path) -> None:
+            copy2(of, to)
+            of.write_bytes(b"new")
+
+        def cut(_: Path, to: Path) -> None:
+            to.write_bytes(b"on")
+
         monkeypatch.setattr(os, "link", no_link)
-        monkeypatch.setattr(shutil, "copy2", lambda _, to: Path(to).write_bytes(b"on"))
-        with pytest.raises(typer.Exit):
-            superfluous.move(client_of(root), wanted, str(folder))
-        assert (root / "deep/other.off").exists()
-        assert not target.exists()
+        for copy, bytes_then in ((cut, b"one"), (while_written, b"new")):
+            monkeypatch.setattr(shutil, "copy2", copy)
+            with pytest.raises(typer.Exit):
+                superfluous.move(client_of(root), wanted, str(folder))
+            assert (root / "deep/other.off").read_bytes() == bytes_then
+            assert not target.exists()
         monkeypatch.setattr(shutil, "copy2", copy2)
+        put(root / "deep/other.off", b"one")
+        os.utime(root / "deep/other.off", (1_600_000_000, 1_600_000_000))
     with pytest.raises(typer.Exit) as exit:
         superfluous.move(client_of(root), wanted, str(folder))
     assert exit.value.exit_code == 1
@@ -242,10 +262,11 @@ def test_a_folder_that_is_in_a_source_or_holds_one_is_refused(root: Path, tmp_pa
         with pytest.raises(typer.Exit) as exit:
             superfluous.move(client_of(root), [group(root, "kept.off", "other.off")], str(folder))
         assert exit.value.exit_code == 2
-    # A link below the folder leads back into the source.
+    # A link below the folder leads out of it.
     below = tmp_path / "moved" / str(root).lstrip("/")
     below.parent.mkdir(parents=True)
-    below.symlink_to(root)
+    (tmp_path / "elsewhere").mkdir()
+    below.symlink_to(tmp_path / "elsewhere")
     with pytest.raises(typer.Exit):
         superfluous.move(client_of(root), [group(root, "kept.off", "other.off")], str(tmp_path / "moved"))
     assert sorted(path.name for path in root.iterdir()) == ["kept.off", "other.off"]
