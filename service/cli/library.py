@@ -1,18 +1,22 @@
 """`isoshape library`: folders whose mesh files are shapes and stay where they are."""
 
+import os
+import shlex
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from service.cli.service_address import Collection, Key, Url, service_at
+from service.cli.service_address import Collection, Key, Url, serves, service_at
 from service.cli.superfluous import move, print_groups, superfluous, write_script
-from service.client import Client
+from service.client import Client, ProblemError
+from service.collection import DEFAULT_COLLECTION
 from service.console import count_of, fail, output, progress, say, table
 from service.shapes.fields import split_tags
-from service.sources.schemas import FileState, Source
+from service.sources.schemas import FileState, NewSource, Source
 
 Action = Literal["list", "add", "rule", "rescan", "confirm", "equal", "remove"]
 
@@ -72,8 +76,8 @@ def library_command(
     which of them are left in any case. `remove` deletes the shapes of a source; for a time,
     `isoshape restore` brings them back. Scans print the refused files that are new, `list NAME` all of them.
 
-    A running service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. With the address of a
-    database in --url, or in ISOSHAPE_DATABASE_URL, this command adds any folder.
+    A service adds folders within its setting ISOSHAPE_SOURCE_ROOTS only. This command adds any folder where
+    the service was started, or with the address of a database in --url, or in ISOSHAPE_DATABASE_URL.
     """
     if target is None and action in {"add", "confirm", "remove"}:
         fail(f"library {action} needs a name", status=2)
@@ -94,10 +98,10 @@ def library_command(
                     say(f"{path}: {reason}")
         elif action == "add":
             folder = str(Path(target or "").absolute())
-            added = client.add_source(
-                folder, name=name, tags=split_tags(tags or []), rules=_rules(rule or []), copies=copy
+            new = NewSource(
+                path=folder, name=name, tags=split_tags(tags or []), rules=_rules(rule or []), copies=copy
             )
-            _follow(client, [added])
+            _follow(client, [_added(client, new, key, collection)])
         elif action == "rule" and target is None:
             rules = client.rules().rules if rule is None else client.set_rules(_rules(rule)).rules
             listed_rules = table("metadata", "tags")
@@ -126,6 +130,34 @@ def library_command(
                 move(client, groups, apply[1])
         else:
             client.remove_source(_named(client, target or "").id)
+
+
+def _added(client: Client, new: NewSource, key: str | None, collection: str | None) -> Source:
+    """Add a folder; through the archive if its service, which wants no key, refuses the folder.
+
+    Who may write to the archive may have any folder scanned.
+    """
+    try:
+        return client.add_source(new.path, **new.model_dump(exclude={"path"}))
+    except ProblemError as error:
+        if error.kind != "source-refused" or key is not None:
+            raise
+        # Here, so that other actions do not wait for these imports.
+        from service.collections import repository as collections  # noqa: PLC0415
+        from service.settings import load_settings  # noqa: PLC0415
+        from service.sources import service as sources  # noqa: PLC0415
+        from service.storage.database import Database  # noqa: PLC0415
+
+        settings = load_settings()
+        if not serves(client.url, settings.database_url):
+            raise
+        root = sources.real_folder(new.path, [os.sep])
+        with (
+            closing(Database(settings.database_url, lock_seconds=settings.lock_seconds)) as database,
+            database.write() as session,
+        ):
+            number = collections.get(session, collection or DEFAULT_COLLECTION.name).number
+            return sources.add(session, number, new, root)
 
 
 def _rules(rules: list[str]) -> dict[str, list[str]]:
@@ -163,7 +195,8 @@ def _follow(client: Client, sources: list[Source], ask: Callable[[str], Source] 
         with progress() as bar:
             task = bar.add_task(f"scanning {source.name}", total=None)
             for now in client.follow_source(source.id, seconds=CHECK_SECONDS):
-                bar.update(task, description=f"scanning {now.name}: {now.scan.done} files read")
+                done, total = now.scan.done, now.scan.due
+                bar.update(task, description=f"scanning {now.name}", completed=done, total=total or None)
         ended.append(now)
     _print(ended)
     for source in ended:
@@ -175,7 +208,7 @@ def _follow(client: Client, sources: list[Source], ask: Callable[[str], Source] 
                 say(f"{path}: {reason}")
         if known:
             refused = f"{count_of(known, 'file')} refused as before"
-            say(f"{source.name}: {refused}; `isoshape library list {source.name}`")
+            say(f"{source.name}: {refused}; `isoshape library list {shlex.quote(source.name)}`")
     if any(source.state == "offline" for source in ended):
         raise typer.Exit(1)
 

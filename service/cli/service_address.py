@@ -134,6 +134,20 @@ def database_named(argument: str, place: str) -> str:
         raise SettingsError(f"{argument}: {fault_text(error.errors()[0])}") from error
 
 
+def serves(url: str, database_url: str) -> bool:
+    """Return whether the service at an address is the one that has the lock of an SQLite archive."""
+    # Here for the same reason.
+    from service.storage.sqlite import address_of_service, path_of  # noqa: PLC0415
+
+    held = address_of_service(path_of(database_url)) if database_url.startswith("sqlite") else None
+    if held is None:
+        return False
+    asked, bound = httpx.URL(url), httpx.URL(held)
+    host = LOOPBACK if asked.host == "localhost" else asked.host
+    everywhere = bound.host in {"0.0.0.0", "::"} and host in {LOOPBACK, "::1"}
+    return asked.port == bound.port and (host == bound.host or everywhere)
+
+
 @contextmanager
 def _own_service(settings: "Settings", collection: str | None, *, new: bool) -> Iterator[Client]:
     # Here, so that a command that finds a service does not wait for these imports.

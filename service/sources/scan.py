@@ -138,7 +138,9 @@ class SourceScan:
 
     async def _settle_changed(self, differences: Differences) -> None:
         """Store changed files, after those that were moved over the path of another."""
+        self.report.due = len(differences.changed) + len(differences.new)
         read = await self._settle_exchanged(differences)
+        self.report.done = len(differences.changed) - len(read)
         await self._each(iter(read), lambda pair: self._storing.settle(pair[0].key, pair[1], pair[0]))
 
     async def _settle_exchanged(self, differences: Differences) -> list[tuple[KnownFile, FoundFile]]:
@@ -220,6 +222,7 @@ class SourceScan:
             for row in rows:
                 del differences.new[row["key"]]
             self.report.copies += len(rows)
+            self.report.done += len(rows)
 
     def _add_all(self, session: WriteSession, rows: Sequence[dict[str, Any]]) -> None:
         repository.require(session, self._source.number)

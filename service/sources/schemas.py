@@ -45,6 +45,7 @@ SOURCE: dict[str, Any] = {
     "counts": {"present": 1204, "missing": 2, "refused": 7, "unreadable": 0},
     "scan": {
         "found": 1211,
+        "due": 3,
         "done": 3,
         "stored": 3,
         "copies": 0,
@@ -91,6 +92,7 @@ class Scan(BaseModel):
     """The counts of a scan, which grow while it runs."""
 
     found: int = Field(default=0, description="Mesh files in the folder.")
+    due: int = Field(default=0, description="New or changed files.")
     done: int = Field(default=0, description="New or changed files with an outcome.")
     stored: int = Field(default=0, description="New shapes.")
     copies: int = Field(default=0, description="New paths of files that are shapes already.")

@@ -40,8 +40,8 @@ def real_folder(path: str, allowed: Sequence[str]) -> Path:
     # The error does not tell whether a folder outside exists.
     if not any(real.is_relative_to(os.path.realpath(root)) for root in allowed):
         raise SourceRefusedError(
-            f"{path!r} is in none of the folders of ISOSHAPE_SOURCE_ROOTS; on the machine of the service, "
-            "`isoshape library add` with the address of the database adds any folder"
+            f"{path!r} is in none of the folders of ISOSHAPE_SOURCE_ROOTS; where the service was started, or "
+            "with the address of the database in --url, `isoshape library add` adds any folder"
         )
     if not real.is_dir():
         raise SourceRefusedError(f"{path!r} is not a folder")

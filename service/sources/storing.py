@@ -94,6 +94,7 @@ class FileStorer:
             return
         except (CoreError, ServiceError) as error:
             await self._refuse(key, found, known, None, error)
+            self._report.done += 1
             return
         file = self.new_file(found, data)
         digest = await run_in_threadpool(getattr, file, "sha256")

@@ -156,6 +156,10 @@ class ArchiveLock:
         os.close(self._descriptor)
 
 
+SERVING = "-serving"
+"""The ending of the lock file of the process that serves an archive."""
+
+
 class ServingLock(ArchiveLock):
     """The lock of the one process that serves an archive; its file names that process and its `address`.
 
@@ -164,7 +168,7 @@ class ServingLock(ArchiveLock):
     """
 
     def __init__(self, archive: Path, address: str) -> None:
-        if not self._take(archive, "-serving", os.O_RDWR, fcntl.LOCK_EX):
+        if not self._take(archive, SERVING, os.O_RDWR, fcntl.LOCK_EX):
             owner = os.pread(self._descriptor, 200, 0).decode(errors="replace").strip()
             self.release()
             raise ArchiveServedError(f"{archive.resolve()} is already served by {owner or 'another process'}")
@@ -175,6 +179,22 @@ class ServingLock(ArchiveLock):
         except BaseException:
             self.release()
             raise
+
+
+def address_of_service(archive: Path) -> str | None:
+    """Return the address of the service that has the lock of an archive; None if none has it."""
+    archive = archive.resolve()
+    try:
+        descriptor = os.open(archive.with_name(archive.name + SERVING), os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return os.pread(descriptor, 200, 0).decode(errors="replace").rpartition(" at ")[2].strip()
+    finally:
+        os.close(descriptor)
+    return None
 
 
 # Files beside the database with which SQLite completes or rolls back an interrupted transaction.

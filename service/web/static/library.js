@@ -82,7 +82,7 @@ function item(source) {
 /** What a state means. @type {Record<string, (source: Source) => string>} */
 const WORDS = {
   waiting: () => "waiting for a scan",
-  scanning: ({ scan }) => `scanning: ${scan.found} found, ${scan.done} read`,
+  scanning: ({ scan }) => `scanning: ${scan.done} of ${countOf(scan.due, "new file")} read`,
   ready: () => "up to date",
   offline: () => "offline",
 };

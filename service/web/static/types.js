@@ -44,7 +44,7 @@
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
  * @typedef {{ id: string | null }} MergedShape
  * @typedef {{ left: { reason: string }[] }} Undone
- * @typedef {{ found: number, done: number, unread: Record<string, string> }} Scan
+ * @typedef {{ due: number, done: number, unread: Record<string, string> }} Scan
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,
  *             counts: { present: number, missing: number, refused: number, unreadable: number },
  *             scanned_at: string | null }} Source

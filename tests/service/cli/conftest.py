@@ -100,8 +100,13 @@ def cup(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def shared_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    database = tmp_path_factory.mktemp("service") / "archive.sqlite3"
+def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of the shared service."""
+    return tmp_path_factory.mktemp("service") / "archive.sqlite3"
+
+
+@pytest.fixture(scope="session")
+def shared_service(database: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
     roots = (str(tmp_path_factory.getbasetemp()),)
     url = f"sqlite:///{database}"
     settings = Settings(database_url=url, workers=1, log_level="error", source_roots=roots)

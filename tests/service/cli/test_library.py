@@ -1,11 +1,15 @@
 """`isoshape library`: a folder is added, listed, scanned, lost, found again and removed."""
 
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
+from service.cli.service_address import serves
 from service.client import Client
+from service.storage.sqlite import ServingLock
 from tests.service.cli.conftest import Run
 from tests.service.sources.support import put
 from tests.service.support import small_file
@@ -88,6 +92,57 @@ def test_a_folder_from_its_addition_to_its_removal(archive: Client, tmp_path: Pa
     assert [(again.id, again.tags) for again in archive.shapes()] == [(shape.id, TAGS)]
     assert run("library", "remove", "models", *at).status == 0
     assert (folder / "a.off").read_bytes() == small_file(1)
+
+
+def test_a_folder_that_the_service_refuses_is_added_through_its_archive(
+    archive: Client, database: Path, run: Run, monkeypatch: pytest.MonkeyPatch, outside: Path
+) -> None:
+    put(outside / "a.off", small_file(77))
+    at = ("--url", archive.url)
+    add = ("library", "add", outside, "--name", "my models", *at)
+    monkeypatch.setenv("ISOSHAPE_DATABASE_URL", f"sqlite:///{database}")
+    # No service has the lock; then one at another port has it; then one whose key is not that of the command.
+    assert "ISOSHAPE_SOURCE_ROOTS" in run(*add).stderr
+    with ServingLock(database, "http://127.0.0.1:1"):
+        assert "ISOSHAPE_SOURCE_ROOTS" in run(*add).stderr
+    with ServingLock(database, archive.url):
+        assert "ISOSHAPE_SOURCE_ROOTS" in run(*add, "--key", "some").stderr
+        assert "'/none' is not a folder" in run("library", "add", "/none", *at).stderr
+        put(outside / "bad.off", b"no mesh")
+        assert run(*add).status == 0
+        assert [shape.name for shape in archive.shapes()] == ["a.off"]
+        scan = archive.sources().sources[0].scan
+        assert (scan.due, scan.done, scan.stored, scan.refused) == (2, 2, 1, 1)
+        assert "`isoshape library list 'my models'`" in run("library", "rescan", *at).stderr
+        assert run("library", "remove", outside, *at).status == 0
+
+
+@pytest.fixture
+def outside() -> Iterator[Path]:
+    """A folder that is in none of the folders of ISOSHAPE_SOURCE_ROOTS."""
+    with TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+@pytest.mark.parametrize(
+    ("url", "held", "is_served"),
+    [
+        ("http://127.0.0.1:8000", "http://127.0.0.1:8000", True),
+        ("http://localhost:8000/", "http://127.0.0.1:8000", True),
+        ("http://127.0.0.1:8000", "http://0.0.0.0:8000", True),
+        ("http://[::1]:8000", "http://[::]:8000", True),
+        ("http://127.0.0.1:8001", "http://127.0.0.1:8000", False),
+        ("http://192.0.2.1:8000", "http://127.0.0.1:8000", False),
+        ("http://192.0.2.1:8000", "http://0.0.0.0:8000", False),
+    ],
+)
+def test_a_service_serves_the_archive_whose_lock_has_its_address(
+    tmp_path: Path, url: str, held: str, is_served: bool
+) -> None:
+    with ServingLock(tmp_path / "a.sqlite3", held):
+        assert serves(url, f"sqlite:///{tmp_path}/a.sqlite3") == is_served
+    assert not serves(held, f"sqlite:///{tmp_path}/a.sqlite3")
+    assert not serves(held, "postgresql+psycopg://someone@127.0.0.1/archive")
 
 
 @pytest.mark.parametrize(
