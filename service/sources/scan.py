@@ -44,13 +44,17 @@ class OfflineError(Exception):
 
 
 class SourceScan:
-    """The scan of one source, which this service has claimed; `report` counts what it does."""
+    """The scan of one source, which this service has claimed; `report` counts what it does.
+
+    `compared_seconds` is the time until the differences from the folder were known; None until then.
+    """
 
     def __init__(self, container: Container, source: SourceRow, places: Places) -> None:
         self._container, self._database, self._places = container, container.database, places
         self._source, self._root = source, Path(source.root)
         self._collection = CollectionNumber(source.collection_number)
         self.report = Report()
+        self.compared_seconds: float | None = None
         self._storing = FileStorer(container, source, places, self.report)
         self._stopped = threading.Event()
 
@@ -74,6 +78,7 @@ class SourceScan:
             self.report.seconds = round(time.monotonic() - start, 3)
 
     async def _scan(self) -> None:
+        start = time.monotonic()
         known = await self._known_files()
         is_expected = any(file.state != "missing" for file in known.values())
         confirmed = self._source.confirmed
@@ -90,6 +95,7 @@ class SourceScan:
         if is_expected and not (tree.files or tree.unread or confirmed):
             raise OfflineError("the folder has no mesh file")
         differences = await run_in_threadpool(compare, known, tree)
+        self.compared_seconds = time.monotonic() - start
         await self._settle_unchanged(differences)
         await self._settle_changed(differences)
         await self._settle_new(differences, known)

@@ -41,7 +41,7 @@ LEFT_SECONDS = 3.0
 """The time until a file is read that was being written."""
 
 REST = 4.0
-"""The scanner rests so many times as long as a scan of a source took before it scans it again."""
+"""The scanner rests so many times as long as it took to compare a source with its folder."""
 
 HOUSEKEEPING_SECONDS = 600.0
 PROGRESS_SECONDS = 1.0
@@ -190,7 +190,7 @@ class Scanner:
                     self._database.writing(repository.release, number, self._id, {**ended, "report": report})
                 )
             now = time.monotonic()
-            self._rests_until[number] = now + REST * (now - start)
+            self._rests_until[number] = now + REST * (scan.compared_seconds or now - start)
             is_watched = ended.get("state") == "ready" and self._watch.follows(number)
             wait = LEFT_SECONDS if scan.report.left else RARE_SECONDS if is_watched else POLL_SECONDS
             wait = 0.0 if number in self._changed_since else wait

@@ -76,6 +76,7 @@ class Watch:
     def __init__(self, changed: Callable[[int], object]) -> None:
         self._changed = changed
         self._roots: dict[int, str] = {}
+        self._known: set[int] = set()
         self._failed = False
         self._watching: asyncio.Task[None] | None = None
 
@@ -84,13 +85,19 @@ class Watch:
         return number in self._roots and not self._failed
 
     async def follow(self, roots: Mapping[int, str]) -> None:
-        """Watch these folders, by the numbers of their sources, if the system reports their changes."""
+        """Watch these folders, by the numbers of their sources, if the system reports their changes.
+
+        A folder that is gone, or there again, has changed.
+        """
         local = await run_in_threadpool(reporting, roots) if roots else {}
         if local != self._roots:
             await self.stop()
+            for number in (local.keys() ^ self._roots.keys()) & self._known & roots.keys():
+                self._changed(number)
             self._roots, self._failed = local, False
             if local:
                 self._watching = asyncio.create_task(self._watch(local))
+        self._known = set(roots)
 
     async def stop(self) -> None:
         """Stop watching."""

@@ -96,10 +96,15 @@ def settings_in(folder: Path, **values: Any) -> Settings:
 
 @contextmanager
 def serving(
-    settings: Settings, *, ready: bool = True, key: str | None = None, connections: int | None = None
+    settings: Settings,
+    *,
+    ready: bool = True,
+    key: str | None = None,
+    connections: int | None = None,
+    watches: bool = False,
 ) -> Iterator[Running]:
     """Run the service under some settings, and wait for its workers unless told not to."""
-    app = create_app(settings)
+    app = create_app(settings, watches=watches)
     configured = config(app, settings.shutdown_seconds)
     configured.port = 0
     configured.limit_concurrency = connections or configured.limit_concurrency

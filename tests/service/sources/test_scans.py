@@ -19,7 +19,15 @@ from service.storage.in_place import open_beneath
 from service.storage.tables import ShapeRow, SourceRow
 from tests.service.engines import on_both
 from tests.service.sources.support import Library, put
-from tests.service.support import Running, assert_problem, small_file, working_in
+from tests.service.support import (
+    Running,
+    assert_problem,
+    serving,
+    settings_in,
+    small_file,
+    wait_until,
+    working_in,
+)
 
 pytestmark = on_both
 
@@ -181,6 +189,31 @@ def test_an_unexpected_error_does_not_end_the_scanner(
     with Library.of(running, root) as library:
         assert failed.is_set()
         assert library.read()["state"] == "ready"
+
+
+def test_a_service_notices_a_new_file_soon_and_a_folder_that_goes_and_comes(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored = 4.0
+
+    async def slowly(*arguments: Any, **named: Any) -> Any:
+        await asyncio.sleep(stored)
+        return await ingest(*arguments, **named)
+
+    put(root / "a.off", small_file(1))
+    settings = settings_in(tmp_path, workers=1, source_roots=(str(tmp_path),))
+    with serving(settings, watches=True) as running, monkeypatch.context() as patch:
+        patch.setattr(storing, "ingest", slowly)
+        with Library.of(running, root) as library:
+            patch.undo()
+            assert library.read()["scan"]["seconds"] >= stored
+            put(root / "b.off", small_file(2))
+            wait_until(lambda: "b.off" in library.files(), seconds=0.75 * scanner.REST * stored)
+            # The system reports no event when a folder itself goes and comes.
+            root.rename(tmp_path / "away")
+            wait_until(lambda: library.read()["state"] == "offline", seconds=30)
+            (tmp_path / "away").rename(root)
+            wait_until(lambda: library.read()["state"] == "ready", seconds=30)
 
 
 def test_a_scan_that_was_cut_off_is_continued(
