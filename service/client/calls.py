@@ -26,6 +26,7 @@ from service.client.requests import (
 )
 from service.collection import Collection, Collections
 from service.duplicates.decision_schemas import (
+    Acts,
     Decided,
     DecidedPair,
     DecisionPage,
@@ -352,6 +353,7 @@ def duplicates(
     mirrored: bool | None = None,
     variants: bool | None = None,
     decided: bool | None = None,
+    judging_seconds: float | None = None,
     **filters: Unpack[Filters],
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
@@ -360,7 +362,12 @@ def duplicates(
     difference; with `decided`, shapes that are decided; without `mirrored`, mirror images do not.
     """
     options = given(
-        max_residual=max_residual, scaled=scaled, mirrored=mirrored, variants=variants, decided=decided
+        max_residual=max_residual,
+        scaled=scaled,
+        mirrored=mirrored,
+        variants=variants,
+        decided=decided,
+        judging_seconds=judging_seconds,
     )
     params = _filtered(filters) | options
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)
@@ -393,6 +400,11 @@ def merge(shapes: Sequence[str], *, keep: str = "oldest") -> Call[MergedShape]:
 def merges() -> Call[Step[MergedGroup]]:
     """List the merged groups that can be undone, the oldest merge first."""
     return pages("/duplicates/merges", MergePage, lambda answer: answer.merges)
+
+
+def acts(*, limit: int = 50) -> Call[Acts]:
+    """List the latest decisions and merges that can be undone, the latest first."""
+    return Call("GET", "/duplicates/acts", parsed(Acts), params={"limit": limit})
 
 
 def undo_merge(merge_id: str) -> Call[Undone]:

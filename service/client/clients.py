@@ -110,6 +110,7 @@ class _Methods:
     delete_decision = _once(calls.delete_decision)
     merge = _once(calls.merge)
     merges = _series(calls.merges)
+    acts = _once(calls.acts)
     undo_merge = _once(calls.undo_merge)
     apply_rule = _once(calls.apply_rule)
     suggestions = _once(calls.suggestions)

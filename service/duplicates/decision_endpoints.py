@@ -3,11 +3,13 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
+from pydantic import Field
 
-from service.collections.endpoints import InCollection
+from service.collections.endpoints import InCollection, NamedInAddress
 from service.container import Service
 from service.duplicates import decisions, merges
 from service.duplicates.decision_schemas import (
+    Acts,
     Decided,
     DecisionPage,
     GroupDecision,
@@ -31,6 +33,12 @@ router = APIRouter(tags=["search"])
 
 DecisionId = Annotated[Id, Path(description="The id of a decision.")]
 MergeId = Annotated[Id, Path(description="The id of a merge.")]
+
+
+class ActOptions(NamedInAddress):
+    """The length of a list of acts."""
+
+    limit: int = Field(default=50, ge=1, le=500, description="The largest number of acts.")
 
 
 def _who(request: Request, named: str | None) -> str | None:
@@ -124,6 +132,18 @@ async def undo_merge(
     """
     async with container.queue.admitted(request):
         return await while_connected(request, merges.undo(container, collection.number, merge_id))
+
+
+@router.get(
+    "/duplicates/acts",
+    summary="List what can be undone",
+    responses=documented(*READ_PROBLEMS),
+    dependencies=[once_each(ActOptions)],
+)
+def list_acts(listing: Annotated[ActOptions, Query()], container: Service, collection: InCollection) -> Acts:
+    """Return the latest decisions and merges that can be undone, the latest first, each as one act."""
+    with container.database.read() as session:
+        return decisions.list_acts(session, collection.number, limit=listing.limit)
 
 
 @router.post(

@@ -1,7 +1,7 @@
 """The SQL of decisions on near-identical shapes."""
 
 import uuid
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from datetime import UTC, datetime
 
 from sqlalchemy import delete, func, insert, select, tuple_
@@ -65,6 +65,26 @@ def page(
     row = DuplicateDecisionRow
     query = select(row).where(row.collection_number == collection, row.number > after)
     rows = session.scalars(query.order_by(row.number).limit(limit)).all()
+    return [(each.number, pair) for each, pair in zip(rows, _named(session, collection, rows), strict=True)]
+
+
+def latest(
+    session: ReadSession, collection: CollectionNumber, *, limit: int
+) -> list[tuple[int, DecidedPair]]:
+    """Return the number of pairs of each of the latest decisions, the latest first, and its first pair."""
+    row = DuplicateDecisionRow
+    acts = select(func.min(row.number), func.count()).where(row.collection_number == collection)
+    acts = acts.group_by(row.id).order_by(func.max(row.number).desc()).limit(limit)
+    pairs = dict(session.execute(acts).all())
+    rows = {each.number: each for each in session.scalars(select(row).where(row.number.in_(list(pairs))))}
+    named = _named(session, collection, [rows[number] for number in pairs])
+    return list(zip(pairs.values(), named, strict=True))
+
+
+def _named(
+    session: ReadSession, collection: CollectionNumber, rows: Sequence[DuplicateDecisionRow]
+) -> list[DecidedPair]:
+    """Return decided pairs with the names of their shapes."""
     wanted = {sha256 for each in rows for sha256 in (each.first_sha256, each.second_sha256)}
     named = (
         select(BlobRow.sha256, ShapeRow.id, ShapeRow.name)
@@ -77,17 +97,14 @@ def page(
         shapes.setdefault(sha256, {})[shape_id] = name
     sides = {sha256: DecidedSide(sha256=sha256, shapes=shapes.get(sha256, {})) for sha256 in wanted}
     return [
-        (
-            each.number,
-            DecidedPair(
-                id=each.id,
-                decision=each.decision,
-                decided_by=each.decided_by,
-                reason=each.reason,
-                decided_at=each.decided_at,
-                first=sides[each.first_sha256],
-                second=sides[each.second_sha256],
-            ),
+        DecidedPair(
+            id=each.id,
+            decision=each.decision,
+            decided_by=each.decided_by,
+            reason=each.reason,
+            decided_at=each.decided_at,
+            first=sides[each.first_sha256],
+            second=sides[each.second_sha256],
         )
         for each in rows
     ]

@@ -155,6 +155,24 @@ class MergePage(Page):
     merges: list[MergedGroup]
 
 
+class Act(BaseModel):
+    """A decision or a merge that can be undone."""
+
+    id: str
+    action: Decision | Literal["merge"]
+    decided_by: str | None = Field(default=None, description="Unless it is a merge.")
+    reason: str = ""
+    decided_at: datetime
+    count: int = Field(description="The number of its pairs of files, or of merged groups.")
+    names: list[str] = Field(description="The names of the shapes of its first pair, or of its first group.")
+
+
+class Acts(BaseModel):
+    """Decisions and merges, the latest first."""
+
+    acts: list[Act]
+
+
 class Undone(BaseModel):
     """The undo of a merge."""
 

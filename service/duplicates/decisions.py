@@ -5,8 +5,8 @@ from itertools import combinations
 
 from service.collection import CollectionNumber
 from service.container import Container
-from service.duplicates import decision_repository, merges, service
-from service.duplicates.decision_schemas import Decided, DecisionPage, GroupDecision, Rule
+from service.duplicates import decision_repository, merge_repository, merges, service
+from service.duplicates.decision_schemas import Act, Acts, Decided, DecisionPage, GroupDecision, Rule
 from service.duplicates.groups import Counted, Search
 from service.duplicates.records import Decision, pair_of
 from service.errors import MissingError
@@ -60,6 +60,27 @@ def list_decisions(
         total=decision_repository.count(session, collection),
         next_cursor=write_cursor(rows[limit - 1][0]) if len(rows) > limit else None,
     )
+
+
+def list_acts(session: ReadSession, collection: CollectionNumber, *, limit: int) -> Acts:
+    """Return the latest decisions and merges of a collection that can be undone, the latest first."""
+    acts = [
+        Act(
+            id=pair.id,
+            action=pair.decision,
+            decided_by=pair.decided_by,
+            reason=pair.reason,
+            decided_at=pair.decided_at,
+            count=pairs,
+            names=sorted({**pair.first.shapes, **pair.second.shapes}.values()),
+        )
+        for pairs, pair in decision_repository.latest(session, collection, limit=limit)
+    ]
+    acts += [
+        Act(id=row.id, action="merge", decided_at=row.merged_at, count=groups, names=names)
+        for groups, row, names in merge_repository.latest_acts(session, collection, limit=limit)
+    ]
+    return Acts(acts=sorted(acts, key=lambda act: act.decided_at, reverse=True)[:limit])
 
 
 def remove(session: WriteSession, collection: CollectionNumber, decision_id: str) -> None:

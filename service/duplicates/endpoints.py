@@ -53,6 +53,12 @@ class DuplicatesOptions(NamedInAddress, Filters):
     decided: bool = Field(
         default=False, description="Also show shapes that are decided (POST /duplicates/decisions)."
     )
+    judging_seconds: float = Field(
+        default=service.JUDGING_SECONDS,
+        ge=0.0,
+        le=service.JUDGING_SECONDS,
+        description="How long to judge shapes that are not judged yet; 0: none is.",
+    )
     format: Literal["json", "csv", "xlsx"] = Field(
         default="json", description="csv or xlsx: one row for each shape."
     )
@@ -84,7 +90,7 @@ async def duplicates(
 
     Copies of other sizes are duplicates with `scaled`, and two poses of one body never are. The service
     judges stored shapes while it is idle, and keeps the pairs. A request judges missing shapes, and begins no
-    further one after 5 seconds; `unjudged` says how many remain.
+    further one after `judging_seconds`; `unjudged` says how many remain.
     """
     timings = Timings()
     shapes = options.filtered(collection)
@@ -94,7 +100,14 @@ async def duplicates(
         bounds = Search(fingerprint, options.variants, options.max_residual)
         counted = Counted(options.scaled, options.mirrored, options.decided)
         return await service.find(
-            container, shapes, bounds, counted, active_pipeline, timings, with_paths=collection.shows_paths
+            container,
+            shapes,
+            bounds,
+            counted,
+            active_pipeline,
+            timings,
+            seconds=options.judging_seconds,
+            with_paths=collection.shows_paths,
         )
 
     async with container.queue.admitted(request):

@@ -8,7 +8,7 @@ from sqlalchemy import delete, func, select
 
 from service.collection import CollectionNumber
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import DuplicateMergeRow
+from service.storage.tables import DuplicateMergeRow, ShapeRow
 
 
 class Merge(NamedTuple):
@@ -63,6 +63,24 @@ def page(
     row = DuplicateMergeRow
     query = select(row).where(row.collection_number == collection, row.number > after)
     return session.scalars(query.order_by(row.number).limit(limit)).all()
+
+
+def latest_acts(
+    session: ReadSession, collection: CollectionNumber, *, limit: int
+) -> list[tuple[int, DuplicateMergeRow, list[str]]]:
+    """Return the number of groups of each of the latest merges, the first of them, and the names in it."""
+    row = DuplicateMergeRow
+    acts = select(func.min(row.number), func.count()).where(row.collection_number == collection)
+    acts = acts.group_by(row.id).order_by(func.max(row.number).desc()).limit(limit)
+    groups = dict(session.execute(acts).all())
+    rows = {each.number: each for each in session.scalars(select(row).where(row.number.in_(list(groups))))}
+    shapes = {each.number: [each.shape, *each.deleted] for each in rows.values()}
+    wanted = [shape for group in shapes.values() for shape in group]
+    names = dict(session.execute(select(ShapeRow.id, ShapeRow.name).where(ShapeRow.id.in_(wanted))).all())
+    return [
+        (many, rows[number], [names[shape] for shape in shapes[number] if shape in names])
+        for number, many in groups.items()
+    ]
 
 
 def count(session: ReadSession, collection: CollectionNumber) -> int:

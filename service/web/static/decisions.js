@@ -6,17 +6,17 @@ import { button, make } from "./dom.js";
 
 /** @import { Decided, Duplicate, MergedShape, Undone } from "./types.js" */
 
-const MERGE = "merge";
+export const MERGE = "merge";
 
 /** The decisions, with their keys. */
 const CHOICES = [
   ["same", "Same", "1"], ["variant", "Variant", "2"], ["different", "Different", "3"], ["ignore", "Ignore", "4"],
   [MERGE, "Merge", "5"],
 ];
-export const UNDO = "u";
+export const KEEP = "k", UNDO = "u";
 
-/** What undoes the decisions of this page, the latest last. @type {(() => Promise<unknown>)[]} */
-const undoes = [];
+/** The decisions and merges of this page that can be undone, the latest last. @type {{ action: string, id: string }[]} */
+const done = [];
 
 /** @param {string} key @returns {string | undefined} The decision of a key. */
 export const decisionOf = (key) => CHOICES.find(([, , own]) => own === key)?.[0];
@@ -32,7 +32,7 @@ export function choices(decided) {
   const buttons = CHOICES.map(([name, text, key]) => {
     const choice = button(text, () => decided(name));
     choice.setAttribute("aria-keyshortcuts", key);
-    choice.title = name === MERGE ? `Keep the shape stored first, with the tags and metadata of all. Key ${key}` : `Key ${key}`;
+    choice.title = name === MERGE ? `Keep one shape, with the tags and metadata of all, and delete the others. Key ${key}` : `Key ${key}`;
     return choice;
   });
   return make("div", { className: "buttons" }, ...buttons);
@@ -42,50 +42,44 @@ export function choices(decided) {
  * Decide every pair of a group, or merge it; false if a merge that cannot be undone is not confirmed.
  * @param {Duplicate[]} members
  * @param {string} decision
+ * @param {string} keep The id of the shape that a merge keeps.
  */
-export async function decide(members, decision) {
+export async function decide(members, decision, keep) {
   const shapes = members.map(({ shape }) => shape.id);
-  if (decision === MERGE) return merge(members.slice(1).map(({ shape }) => shape), shapes);
+  if (decision === MERGE) return merge(members.map(({ shape }) => shape).filter(({ id }) => id !== keep), shapes, keep);
   /** @type {Decided} */
   const { id } = await askWith(address("duplicates/decisions"), { shapes, decision });
-  undoes.push(() => ask(address(`duplicates/decisions/${id}`), { method: "DELETE" }));
+  done.push({ action: decision, id });
   return true;
 }
 
 /**
  * @param {{ name: string }[]} others The shapes that go.
  * @param {string[]} shapes
+ * @param {string} keep
  */
-async function merge(others, shapes) {
+async function merge(others, shapes, keep) {
   if (!await mayDelete(others)) return false;
   /** @type {MergedShape} */
-  const merged = await askWith(address("duplicates/merge"), { shapes, keep: shapes[0] });
-  const { id } = merged;
-  if (id) undoes.push(() => undoMerge(id));
+  const { id } = await askWith(address("duplicates/merge"), { shapes, keep });
+  if (id) done.push({ action: MERGE, id });
   // Undo takes the latest decision back, and never an earlier one.
-  else undoes.length = 0;
+  else done.length = 0;
   return true;
 }
 
-/** @param {string} id */
-async function undoMerge(id) {
-  /** @type {Undone} */
-  const { left } = await (await ask(address(`duplicates/merges/${id}/undo`), { method: "POST" })).json();
-  if (left.length > 0) throw new Error(left[0].reason);
-}
-
-/** Whether the latest decision can be undone. */
-export const canUndo = () => undoes.length > 0;
-
-/** Undo the latest decision; false if there is none. */
-export async function undo() {
-  const latest = undoes.pop();
-  if (latest === undefined) return false;
-  try {
-    await latest();
-  } catch (error) {
-    undoes.push(latest);
-    throw error;
+/** Undo a decision or a merge. @param {{ action: string, id: string }} act */
+export async function undo({ action, id }) {
+  if (action !== MERGE) {
+    await ask(address(`duplicates/decisions/${id}`), { method: "DELETE" });
+  } else {
+    /** @type {Undone} */
+    const { left } = await (await ask(address(`duplicates/merges/${id}/undo`), { method: "POST" })).json();
+    if (left.length > 0) throw new Error(left[0].reason);
   }
-  return true;
+  const place = done.findIndex((act) => act.id === id);
+  if (place >= 0) done.splice(place, 1);
 }
+
+/** The latest decision or merge of this page, if it can be undone. */
+export const latest = () => done.at(-1);

@@ -2,18 +2,21 @@
 
 import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
-import { canUndo, choices, decide, decisionOf, UNDO, undo, wordOf } from "./decisions.js";
+import { choices, decide, decisionOf, KEEP, latest, MERGE, UNDO, undo, wordOf } from "./decisions.js";
 import { deleted, erased } from "./deleted.js";
 import { button, byId, countOf, make, showError } from "./dom.js";
+import { moment } from "./facts.js";
 import { changedIn, fill, parametersOf } from "./fields.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { current, keep } from "./state.js";
 
 /** @import { State } from "./state.js" */
-/** @import { Duplicate, Duplicates, Shape } from "./types.js" */
+/** @import { Act, Acts, Duplicate, Duplicates, Shape } from "./types.js" */
 
 /** Groups that are added at a time. */
 const PAGE = 20;
+/** For how long a request compares shapes: others wait for it. */
+const JUDGING_SECONDS = "2";
 
 const form = byId("duplicates-form", HTMLFormElement);
 const list = byId("duplicates", HTMLUListElement);
@@ -22,11 +25,19 @@ const errorBox = byId("duplicates-error", HTMLElement);
 const more = byId("duplicates-more", HTMLButtonElement);
 const exported = byId("duplicates-export", HTMLAnchorElement);
 const offer = byId("duplicates-decided", HTMLElement);
+const acts = byId("acts", HTMLDetailsElement);
+const actsList = byId("acts-list", HTMLUListElement);
 
 let changes = false;
 /** @type {Duplicate[][]} */
 let groups = [];
 let searched = { shapes: 0, unjudged: 0 };
+/** Whether a decision is being undone. */
+let undoing = false;
+/** Whether the list of decisions gets the focus when it is there. */
+let wantsActs = false;
+/** Groups that were decided since the list was asked for: an answer may still have them. @type {Set<string>} */
+const settled = new Set();
 /** Number of the current list; a response for an earlier list is discarded. */
 let generation = 0;
 
@@ -50,15 +61,18 @@ async function load() {
   const own = ++generation;
   exported.hidden = true;
   status.textContent = "Comparing the stored shapes …";
+  settled.clear();
   try {
-    // Until no more of them can be compared, or another view is open.
-    for (let left = Infinity; left > 0 && current().view === "duplicates";) {
+    // What is known comes at once; then, until no more shapes can be compared, or another view is open.
+    for (let left = Infinity, seconds = "0"; left > 0 && current().view === "duplicates"; seconds = JUDGING_SECONDS) {
+      const wanted = new URLSearchParams([...parametersOf(form), ["judging_seconds", seconds]]);
       /** @type {Duplicates} */
-      const found = await (await ask(address("duplicates", parametersOf(form)))).json();
+      const found = await (await ask(address("duplicates", wanted))).json();
       if (own !== generation) return;
       showError(errorBox);
-      show(found);
-      if (found.unjudged >= left) break;
+      if (left === Infinity) show(found);
+      else join(found);
+      if (seconds !== "0" && found.unjudged >= left) break;
       left = found.unjudged;
     }
   } catch (error) {
@@ -79,6 +93,36 @@ function show(found) {
   append(shown);
   tell();
 }
+
+/**
+ * Add the groups that were found since, and take those away that have got other shapes; the others stay in place.
+ * @param {Duplicates} found
+ */
+function join(found) {
+  const wanted = found.groups.filter((members) => !settled.has(keyOf(members)));
+  const keys = new Set(wanted.map(keyOf));
+  for (const members of groups.filter((each) => !keys.has(keyOf(each)))) leave(members);
+  const known = new Set(groups.map(keyOf));
+  wanted.forEach((members, place) => {
+    if (known.has(keyOf(members))) return;
+    groups.splice(place, 0, members);
+    if (place < list.children.length) list.children[place].before(group(members));
+  });
+  searched = found;
+  exported.hidden = groups.length === 0;
+  append(Math.max(0, PAGE - list.children.length));
+  tell();
+}
+
+/** Take a group from the list. @param {Duplicate[]} members */
+function leave(members) {
+  const place = groups.indexOf(members);
+  groups.splice(place, 1);
+  list.children[place]?.remove();
+}
+
+/** @param {Duplicate[]} members */
+const keyOf = (members) => members.map(({ shape }) => shape.id).sort().join();
 
 /** Tell the number of groups. */
 function tell() {
@@ -104,6 +148,9 @@ const group = (members) => make(
   make("ul", { className: "gallery" }, ...members.map(item)),
 );
 
+/** The choices of the shape that a merge of a group keeps, one a shape. @param {number} place Of the group. */
+const keepers = (place) => [...list.children[place]?.querySelectorAll("input") ?? []];
+
 /**
  * Decide a group, which leaves the list; the next one gets the focus.
  * @param {Duplicate[]} members
@@ -111,16 +158,19 @@ const group = (members) => make(
  */
 async function settle(members, decision) {
   try {
-    if (!await decide(members, decision)) return;
+    const keep = keepers(groups.indexOf(members)).find(({ checked }) => checked)?.value ?? members[0].shape.id;
+    if (!await decide(members, decision, keep)) return;
     showError(errorBox);
+    showActs();
     const place = groups.indexOf(members);
     if (place < 0) return load();
-    groups.splice(place, 1);
-    list.children[place].remove();
+    settled.add(keyOf(members));
+    leave(members);
     if (list.children.length === 0) append(PAGE);
     tell();
     offer.replaceChildren(
-      `${wordOf(decision)}: ${members[0].shape.name}. `, ...(canUndo() ? [button("Undo", takeBack)] : []),
+      `${decision === MERGE ? "Merged into" : `${wordOf(decision)}:`} ${(members.find(({ shape }) => shape.id === keep) ?? members[0]).shape.name}. `,
+      ...(latest() ? [button("Undo", takeBack)] : []),
     );
     const next = /** @type {HTMLElement | undefined} */ (list.children[place] ?? list.lastElementChild ?? offer);
     next?.focus();
@@ -129,16 +179,61 @@ async function settle(members, decision) {
   }
 }
 
-/** Undo the latest decision. */
+/** Undo the latest decision of this page; if there is none, show those before it. */
 async function takeBack() {
+  const act = latest();
+  if (undoing) return;
+  if (act) return undone(act);
+  wantsActs = true;
+  if (acts.open) return showActs();
+  // This shows them.
+  acts.open = true;
+}
+
+/** Undo a decision or a merge. @param {{ action: string, id: string }} act */
+async function undone(act) {
+  undoing = true;
+  offer.replaceChildren("Undoing …");
   try {
-    if (!await undo()) return;
-    offer.replaceChildren("The decision was undone.");
+    await undo(act);
+    showError(errorBox);
+    offer.replaceChildren(act.action === MERGE ? "The merge was undone." : "The decision was undone.");
     offer.focus({ preventScroll: true });
+    showActs();
     load();
+  } catch (error) {
+    offer.replaceChildren();
+    showError(errorBox, error);
+  } finally {
+    undoing = false;
+  }
+}
+
+/** List the latest decisions and merges, if the list is open. */
+async function showActs() {
+  if (!acts.open) return;
+  try {
+    /** @type {Acts} */
+    const found = await (await ask(address("duplicates/acts", { limit: "100" }))).json();
+    actsList.replaceChildren(...(found.acts.length > 0 ? found.acts.map(line) : [make("li", {}, "none")]));
+    if (wantsActs) actsList.querySelector("button")?.focus();
+    wantsActs = false;
   } catch (error) {
     showError(errorBox, error);
   }
+}
+
+/** @param {Act} act */
+function line(act) {
+  const { action, names, count, decided_by, decided_at, reason } = act;
+  const said = `${wordOf(action)}: ${names.join(", ") || "shapes that are gone"}`;
+  const counted = count === 1 ? [] : [countOf(count, action === MERGE ? "group" : "pair")];
+  const when = make("time", { dateTime: decided_at }, moment(decided_at));
+  const about = [...counted, decided_by, reason].filter(Boolean).map((text) => ` · ${text}`);
+  return make(
+    "li", {}, make("span", { className: "name" }, said), make("span", {}, when, ...about),
+    make("div", { className: "buttons" }, button("Undo", () => undone(act), `Undo ${said}`)),
+  );
 }
 
 /** What differs, and from which shape, if that is not the first. @param {Duplicate} one @param {Duplicate[]} members */
@@ -156,10 +251,25 @@ function differs({ difference, compared_with }, members) {
 function item(one, place, members) {
   const { shape } = one;
   const made = shapeCard(shape, menuButton(shape, changes ? () => remove(shape) : null));
-  const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one));
+  const decided = one.decision ? `, decided: ${wordOf(one.decision).toLowerCase()}` : "";
+  const line = make("p", { className: "likeness" }, place === 0 ? "Stored first" : copyVerdict(one) + decided);
   const files = one.paths.map((path) => make("p", { className: "change" }, path));
-  made.querySelector(".name")?.after(line, make("p", { className: "change" }, differs(one, members)), ...files);
+  const keep = changes ? [keeper(one, place, members)] : [];
+  made.querySelector(".name")?.after(line, ...keep, make("p", { className: "change" }, differs(one, members)), ...files);
   return made;
+}
+
+/**
+ * The choice of the shape that a merge keeps.
+ * @param {Duplicate} one
+ * @param {number} place
+ * @param {Duplicate[]} members
+ */
+function keeper({ shape }, place, members) {
+  const input = make("input", {
+    type: "radio", name: `keep-${members[0].shape.id}`, value: shape.id, checked: place === 0, ariaLabel: `Keep ${shape.name}`,
+  });
+  return make("label", { className: "keep" }, input, " Keep");
 }
 
 /** @param {Shape} shape */
@@ -180,7 +290,8 @@ form.addEventListener("change", () => {
 form.addEventListener("submit", (event) => event.preventDefault());
 document.addEventListener("keydown", (event) => {
   const { key, target, repeat, ctrlKey, altKey, metaKey } = event;
-  const writes = target instanceof HTMLInputElement || target instanceof HTMLSelectElement || target instanceof HTMLTextAreaElement;
+  const types = target instanceof HTMLInputElement && !["checkbox", "radio"].includes(target.type);
+  const writes = types || target instanceof HTMLSelectElement || target instanceof HTMLTextAreaElement;
   if (!changes || current().view !== "duplicates" || writes || repeat || ctrlKey || altKey || metaKey) return;
   if (key.toLowerCase() === UNDO) {
     takeBack();
@@ -188,7 +299,14 @@ document.addEventListener("keydown", (event) => {
   }
   const decision = decisionOf(key);
   const place = [...list.children].findIndex((child) => child.contains(document.activeElement));
+  if (key.toLowerCase() === KEEP) {
+    const inputs = keepers(Math.max(place, 0));
+    const next = inputs[(inputs.findIndex(({ checked }) => checked) + 1) % inputs.length];
+    if (next) next.checked = true;
+    return;
+  }
   const members = groups[Math.max(place, 0)];
   if (decision !== undefined && members !== undefined) settle(members, decision);
 });
 more.addEventListener("click", () => append(PAGE));
+acts.addEventListener("toggle", showActs);

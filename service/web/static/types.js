@@ -39,10 +39,14 @@
  * @typedef {{ shapes: { id: string, name: string, column: number, row: number }[], size: number, total: number,
  *             version: string }} ShapeMap
  * @typedef {{ shape: Shape, likeness: string, scale: number, cc: number, residual: number,
- *             difference: { text: string } | null, compared_with: string | null, paths: string[] }} Duplicate
+ *             difference: { text: string } | null, compared_with: string | null, decision: string | null,
+ *             paths: string[] }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
  * @typedef {{ id: string, groups: number, pairs: number }} Decided
  * @typedef {{ id: string | null }} MergedShape
+ * @typedef {{ id: string, action: string, decided_by: string | null, reason: string, decided_at: string,
+ *             count: number, names: string[] }} Act
+ * @typedef {{ acts: Act[] }} Acts
  * @typedef {{ left: { reason: string }[] }} Undone
  * @typedef {{ due: number, done: number, unread: Record<string, string> }} Scan
  * @typedef {{ id: string, name: string, path: string, state: string, detail: string | null, scan: Scan,

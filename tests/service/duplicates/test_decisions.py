@@ -63,6 +63,39 @@ def decide(service: Running, shapes: list[str], decision: str, **fields: str) ->
     return dict(answer.json())
 
 
+def test_what_can_be_undone_is_listed_act_by_act_the_latest_first(
+    service: Running, copies: list[str]
+) -> None:
+    one, two, three, other = copies
+
+    def acts(**wanted: int) -> list[tuple[Any, ...]]:
+        found = service.client.get("/duplicates/acts", params=wanted).json()["acts"]
+        told = ("action", "count", "names", "decided_by", "reason")
+        return [tuple(act[name] for name in told) for act in found]
+
+    assert acts() == []
+    # The first file has two shapes, and the pair of both of them is one pair of files.
+    decide(service, [one, three, other], "different", decided_by="Ann", reason="looked at")
+    decide(service, [one, two], "same")
+    body = {"shapes": [two, three], "keep": three}
+    merged = service.client.post("/duplicates/merge", json=body).json()
+    names = ["one.off", "two.off"]
+    merge = ("merge", 1, ["three.off", "two.off"], None, "")
+    same = ("same", 1, ["one.off"], None, "")
+    assert acts(limit=2) == [merge, same]
+    (_, _, different) = acts()
+    assert (different[:2], *different[3:]) == (("different", 3), "Ann", "looked at")
+    assert len(different[2]) == 2
+    # Each is undone by its id.
+    (latest, *_) = service.client.get("/duplicates/acts").json()["acts"]
+    assert latest["id"] == merged["id"]
+    assert service.client.post(f"/duplicates/merges/{latest['id']}/undo").json()["groups"] == 1
+    assert acts()[0] == ("same", 1, names, None, "")
+    (latest, *_) = service.client.get("/duplicates/acts").json()["acts"]
+    assert service.client.delete(f"/duplicates/decisions/{latest['id']}").status_code == 204
+    assert [act[:2] for act in acts()] == [("different", 3)]
+
+
 def test_a_shape_stays_while_one_of_its_pairs_is_undecided() -> None:
     files = {1: "a", 2: "b", 3: "c", 4: "d", 5: "d"}
     decided: dict[Pair, Decision] = {pair_of("b", "a"): "same", pair_of("a", "c"): "ignore"}

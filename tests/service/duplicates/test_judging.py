@@ -99,15 +99,12 @@ def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
         assert ask(running)["aligned"] == aligned
 
 
-def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(
-    running: Running, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_request_that_runs_out_of_time_says_how_many_shapes_remain(running: Running) -> None:
     for seed in range(3):
         running.store(copy_of_plane(seed), f"{seed}.off")
-    with monkeypatch.context() as patch:
-        patch.setattr(service, "JUDGING_SECONDS", 0.0)
-        answer = running.client.get("/duplicates").json()
-        assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, 2)
+    for seconds, unjudged in ((0.0, 3), (1e-9, 2)):
+        answer = running.client.get("/duplicates", params={"judging_seconds": seconds}).json()
+        assert (answer["groups"], answer["shapes"], answer["unjudged"]) == ([], 3, unjudged)
     assert len(ask(running)["groups"][0]) == 3
 
 

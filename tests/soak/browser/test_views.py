@@ -354,7 +354,7 @@ def test_groups_are_decided_one_after_another_by_keys(visit: Visit, service: Run
     page.keyboard.press("Tab")
     page.keyboard.press("5")
     expect(groups).to_have_count(2)
-    expect(page.locator("#duplicates-decided")).to_contain_text("Merge: bracket-0.stl.")
+    expect(page.locator("#duplicates-decided")).to_contain_text("Merged into bracket-0.stl.")
 
     def brackets() -> list[str]:
         shapes = service.client.get("/shapes", params={"name": "bracket"}).json()["shapes"]
@@ -364,6 +364,29 @@ def test_groups_are_decided_one_after_another_by_keys(visit: Visit, service: Run
     page.get_by_role("button", name="Undo", exact=True).click()
     expect(groups).to_have_count(3)
     assert brackets() == ["bracket-0.stl", "bracket-1.stl"]
+
+    # Another shape is kept, and what was done before the page was loaded is undone.
+    page.keyboard.press("k")
+    expect(page.get_by_role("radio", name="Keep bracket-1.stl")).to_be_checked()
+    page.keyboard.press("5")
+    expect(page.locator("#duplicates-decided")).to_contain_text("Merged into bracket-1.stl.")
+    assert brackets() == ["bracket-1.stl"]
+    page.reload()
+    expect(page.locator("#duplicates .likeness").last).to_have_text("Same part, decided: different")
+    page.keyboard.press("u")
+    acts = page.locator("#acts-list li .name")
+    expect(acts).to_have_text(
+        ["Merge: bracket-1.stl, bracket-0.stl", "Different: plane-0.stl, plane-1.stl", "Same: bracket-1.stl"]
+    )
+    assert serious(page) == []
+    expect(page.get_by_role("button", name="Undo Merge: bracket-1.stl, bracket-0.stl")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#duplicates-decided")).to_have_text("The merge was undone.")
+    expect(acts).to_have_count(2)
+    assert brackets() == ["bracket-0.stl", "bracket-1.stl"]
+    page.get_by_role("button", name="Undo Different: plane-0.stl, plane-1.stl").click()
+    expect(acts).to_have_text(["Same: bracket-0.stl, bracket-1.stl"])
+    assert decided() == ["same"]
 
 
 def test_the_page_works_in_the_collection_that_is_chosen(visit: Visit, service: Running) -> None:
