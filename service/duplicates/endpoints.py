@@ -53,11 +53,12 @@ class DuplicatesOptions(NamedInAddress, Filters):
     decided: bool = Field(
         default=False, description="Also show shapes that are decided (POST /duplicates/decisions)."
     )
-    judging_seconds: float = Field(
-        default=service.JUDGING_SECONDS,
+    judging_seconds: float | None = Field(
+        default=None,
         ge=0.0,
         le=service.JUDGING_SECONDS,
-        description="How long to judge shapes that are not judged yet; 0: none is.",
+        description="How long to judge shapes that are not judged yet, by default and at most "
+        f"{service.JUDGING_SECONDS:g} seconds; 0: none is.",
     )
     format: Literal["json", "csv", "xlsx"] = Field(
         default="json", description="csv or xlsx: one row for each shape."

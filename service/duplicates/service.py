@@ -52,13 +52,13 @@ async def find(
     active_pipeline: ActivePipeline,
     timings: Timings,
     *,
-    seconds: float = JUDGING_SECONDS,
+    seconds: float | None = None,
     with_paths: bool = False,
 ) -> DuplicatesAnswer:
     """Find the groups of near-identical shapes, perhaps with the paths of their files in sources.
 
-    Shapes that are not judged yet are judged first, for about `seconds`, where the archive can be written
-    to. The kept pairs within the bounds join the shapes of the whole collection;
+    Shapes that are not judged yet are judged first, for about `seconds`, by default `JUDGING_SECONDS`, where
+    the archive can be written to. The kept pairs within the bounds join the shapes of the whole collection;
     the filter, sizes and hands that count choose among the members of the groups. Shapes all of whose pairs
     in their group are decided are left out unless these count, and a pair that is decided to differ joins no
     group.
@@ -66,7 +66,7 @@ async def find(
     kinds = (False, True) if bounds.variants else (False,)
     searches = [Search(bounds.fingerprint, variants) for variants in kinds]
     with timings.stage("judge"):
-        end = monotonic() + seconds
+        end = monotonic() + (JUDGING_SECONDS if seconds is None else seconds)
         try:
             for search in () if seconds == 0.0 else searches:
                 await judge_for(container, active_pipeline, search, shapes.collection, end)
