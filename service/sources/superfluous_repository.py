@@ -100,6 +100,15 @@ def of_several_paths(session: ReadSession, hashes: Collection[str]) -> set[Ident
     }
 
 
+class _Merge(NamedTuple):
+    """A merge, by the columns of `DuplicateMergeRow`."""
+
+    number: int
+    shape: str
+    sha256: str
+    merged_at: datetime
+
+
 class _Shape(NamedTuple):
     """A shape, deleted or not, and its file."""
 
@@ -116,11 +125,16 @@ def merged(session: ReadSession, collection: CollectionNumber) -> dict[int, int]
     compared that file.
     """
     row = DuplicateMergeRow
-    query = select(row).where(row.collection_number == collection).order_by(row.number)
-    latest = {deleted: each for each in session.scalars(query) for deleted in each.deleted}
+    query = select(row.number, row.shape, row.sha256, row.deleted, row.merged_at)
+    query = query.where(row.collection_number == collection).order_by(row.number)
+    latest = {
+        deleted: _Merge(number, shape, sha256, merged_at)
+        for number, shape, sha256, all_deleted, merged_at in session.execute(query)
+        for deleted in all_deleted
+    }
     shapes = _shapes(session, collection, {*latest, *(each.shape for each in latest.values())})
 
-    def holds(shape: str, merge: DuplicateMergeRow) -> bool:
+    def holds(shape: str, merge: _Merge) -> bool:
         if shape not in shapes or merge.shape not in shapes:
             return False
         deleted_at = shapes[shape].deleted_at
