@@ -2,7 +2,7 @@
 
 import { address, ask, askWith } from "./api.js";
 import { mayDelete } from "./deleted.js";
-import { button, make } from "./dom.js";
+import { button, countOf, make } from "./dom.js";
 
 /** @import { Decided, Duplicate, MergedShape, Undone } from "./types.js" */
 
@@ -67,6 +67,30 @@ async function merge(others, shapes, keep) {
   else done.length = 0;
   return true;
 }
+
+/**
+ * Merge all groups of the same part that pass filters; null if a merge that cannot be undone is not confirmed.
+ * @param {Record<string, unknown>} filters
+ * @param {string} keep
+ * @param {number} groups Their number.
+ * @returns {Promise<Decided | null>}
+ */
+export async function mergeAll(filters, keep, groups) {
+  if (!await mayDelete([{ name: `All but one shape of ${countOf(groups, "group")}` }])) return null;
+  /** @type {Decided} */
+  const merged = await applyRule(filters, { keep, dry_run: false });
+  if (merged.id) done.push({ action: MERGE, id: merged.id });
+  else done.length = 0;
+  return merged;
+}
+
+/**
+ * Apply the rule that merges all groups of the same part that pass filters, or count them.
+ * @param {Record<string, unknown>} filters
+ * @param {Record<string, unknown>} how
+ * @returns {Promise<Decided>}
+ */
+export const applyRule = (filters, how) => askWith(address("duplicates/rule"), { ...filters, action: MERGE, ...how });
 
 /** Undo a decision or a merge. @param {{ action: string, id: string }} act */
 export async function undo({ action, id }) {

@@ -2,11 +2,11 @@
 
 import { address, ask } from "./api.js";
 import { copyVerdict } from "./card.js";
-import { choices, decide, decisionOf, KEEP, latest, MERGE, UNDO, undo, wordOf } from "./decisions.js";
+import { applyRule, choices, decide, decisionOf, KEEP, latest, MERGE, mergeAll, UNDO, undo, wordOf } from "./decisions.js";
 import { deleted, erased } from "./deleted.js";
 import { button, byId, countOf, make, showError } from "./dom.js";
 import { moment } from "./facts.js";
-import { changedIn, fill, parametersOf } from "./fields.js";
+import { changedIn, fill, parametersOf, tagsIn } from "./fields.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { current, keep } from "./state.js";
 
@@ -25,6 +25,7 @@ const errorBox = byId("duplicates-error", HTMLElement);
 const more = byId("duplicates-more", HTMLButtonElement);
 const exported = byId("duplicates-export", HTMLAnchorElement);
 const offer = byId("duplicates-decided", HTMLElement);
+const mergeForm = byId("merge-form", HTMLFormElement);
 const acts = byId("acts", HTMLDetailsElement);
 const actsList = byId("acts-list", HTMLUListElement);
 
@@ -44,7 +45,7 @@ let generation = 0;
 /** @param {boolean} may Whether shapes may be deleted, and groups decided. */
 export const allowDeletions = (may) => {
   changes = may;
-  byId("duplicates-keys", HTMLElement).hidden = !may;
+  for (const id of ["duplicates-keys", "duplicates-merge"]) byId(id, HTMLElement).hidden = !may;
 };
 
 /**
@@ -175,6 +176,48 @@ async function settle(members, decision) {
     const next = /** @type {HTMLElement | undefined} */ (list.children[place] ?? list.lastElementChild ?? offer);
     next?.focus();
   } catch (error) {
+    showError(errorBox, error);
+  }
+}
+
+/** The filters of the form, as a rule has them. */
+function filters() {
+  const { q, tag, ...switches } = Object.fromEntries(parametersOf(form));
+  const { scaled, mirrored, variants } = switches;
+  return { q: q ?? null, tag: tagsIn(tag ?? ""), scaled: scaled === "true", mirrored: mirrored !== "false", variants: variants === "true" };
+}
+
+/** Tell how many groups are of the same part, and ask which shape of each to keep. */
+async function askToMerge() {
+  try {
+    const { groups: many } = await applyRule(filters(), { dry_run: true });
+    showError(errorBox);
+    mergeForm.hidden = many === 0;
+    offer.replaceChildren(many === 0 ? "No undecided group has the same part only." : "");
+    byId("merge-text", HTMLElement).textContent = `${countOf(many, "undecided group")} of the same part: `
+      + "one shape of each stays, with the tags and metadata of all, and the others are deleted.";
+    mergeForm.dataset.groups = String(many);
+    byId("merge-keep", HTMLSelectElement).focus();
+  } catch (error) {
+    showError(errorBox, error);
+  }
+}
+
+async function mergeGroups() {
+  mergeForm.hidden = true;
+  offer.replaceChildren("Merging …");
+  offer.focus({ preventScroll: true });
+  try {
+    const merged = await mergeAll(filters(), byId("merge-keep", HTMLSelectElement).value, Number(mergeForm.dataset.groups));
+    showError(errorBox);
+    const left = merged?.left.length ? ` ${countOf(merged.left.length, "group")} not: ${merged.left[0].reason}.` : "";
+    offer.replaceChildren(
+      merged ? `Merged ${countOf(merged.groups, "group")}.${left} ` : "", ...(merged?.id ? [button("Undo", takeBack)] : []),
+    );
+    showActs();
+    load();
+  } catch (error) {
+    offer.replaceChildren();
     showError(errorBox, error);
   }
 }
@@ -310,3 +353,9 @@ document.addEventListener("keydown", (event) => {
 });
 more.addEventListener("click", () => append(PAGE));
 acts.addEventListener("toggle", showActs);
+byId("duplicates-merge", HTMLButtonElement).addEventListener("click", askToMerge);
+byId("merge-cancel", HTMLButtonElement).addEventListener("click", () => (mergeForm.hidden = true));
+mergeForm.addEventListener("submit", (event) => {
+  event.preventDefault();
+  mergeGroups();
+});

@@ -42,7 +42,7 @@
  *             difference: { text: string } | null, compared_with: string | null, decision: string | null,
  *             paths: string[] }} Duplicate
  * @typedef {{ groups: Duplicate[][], shapes: number, unjudged: number }} Duplicates
- * @typedef {{ id: string, groups: number, pairs: number }} Decided
+ * @typedef {{ id: string, groups: number, pairs: number, left: { reason: string }[] }} Decided
  * @typedef {{ id: string | null }} MergedShape
  * @typedef {{ id: string, action: string, decided_by: string | null, reason: string, decided_at: string,
  *             count: number, names: string[] }} Act

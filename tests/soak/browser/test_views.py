@@ -384,6 +384,27 @@ def test_groups_are_decided_one_after_another_by_keys(visit: Visit, service: Run
     expect(page.locator("#duplicates-decided")).to_have_text("The merge was undone.")
     expect(acts).to_have_count(2)
     assert brackets() == ["bracket-0.stl", "bracket-1.stl"]
+    # All groups at once that are undecided and have the words.
+    page.fill("#duplicates-words", "bracket")
+    page.keyboard.press("Enter")
+    expect(groups).to_have_count(1)
+    merge = page.get_by_role("button", name="Merge groups of the same part")
+    merge.click()
+    expect(page.locator("#duplicates-decided")).to_have_text("No undecided group has the same part only.")
+    page.fill("#duplicates-words", "")
+    page.keyboard.press("Enter")
+    expect(groups).to_have_count(3)
+    merge.click()
+    expect(page.locator("#merge-text")).to_contain_text("1 undecided group of the same part: ")
+    assert serious(page) == []
+    page.select_option("#merge-keep", "newest")
+    page.get_by_role("button", name="Merge them").click()
+    expect(page.locator("#duplicates-decided")).to_contain_text("Merged 1 group.")
+    cups = service.client.get("/shapes", params={"name": "cup"}).json()["shapes"]
+    assert [shape["name"] for shape in cups] == ["cup-1.stl"]
+    page.keyboard.press("u")
+    expect(page.locator("#duplicates-decided")).to_have_text("The merge was undone.")
+    expect(groups).to_have_count(3)
     page.get_by_role("button", name="Undo Different: plane-0.stl, plane-1.stl").click()
     expect(acts).to_have_text(["Same: bracket-0.stl, bracket-1.stl"])
     assert decided() == ["same"]
