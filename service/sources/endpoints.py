@@ -47,7 +47,11 @@ class SourceFileListing(PageOptions):
     """A page of a source's files."""
 
     state: FileState | None = Field(default=None, description="Only files in this state.")
-    shape_id: Id | None = Field(default=None, description="Only files of this shape: where it is on disk.")
+    shape_id: list[Id] = Field(
+        default=[],
+        max_length=100,
+        description="Only files of these shapes: where they are on disk. Repeatable.",
+    )
     equal: bool = Field(
         default=False,
         description="Only files that are there more than once: several present files have the shape, in any "

@@ -103,13 +103,13 @@ def files(
     session: ReadSession,
     number: int,
     state: FileState | None,
-    shape_id: str | None,
+    shape_ids: Sequence[str],
     *,
     equal: bool,
     after: int,
     limit: int,
 ) -> tuple[int, list[Row[SourceFileRow, str | None]]]:
-    """Return the number of a source's files in a state and of a shape, and the next ones.
+    """Return the number of a source's files in a state and of some shapes, and the next ones.
 
     With `equal`, these are present files whose shapes have other present files, ordered by shape. They come
     after the file with the number `after`, each with the id of its shape.
@@ -130,9 +130,9 @@ def files(
             following = (SourceFileRow.shape_number > last) | of_last
     if state is not None:
         wanted.append(SourceFileRow.state == state)
-    if shape_id is not None:
-        shape_number = select(ShapeRow.number).where(ShapeRow.id == shape_id).scalar_subquery()
-        wanted.append(SourceFileRow.shape_number == shape_number)
+    if shape_ids:
+        numbers = select(ShapeRow.number).where(ShapeRow.id.in_(shape_ids))
+        wanted.append(SourceFileRow.shape_number.in_(numbers))
     total = session.scalars(select(func.count()).select_from(SourceFileRow).where(*wanted)).one()
     shape = (ShapeRow.number == SourceFileRow.shape_number) & NOT_DELETED
     query = (

@@ -85,7 +85,7 @@ def list_files(
     collection: CollectionNumber,
     source_id: str,
     state: FileState | None,
-    shape_id: str | None,
+    shape_ids: Sequence[str],
     *,
     equal: bool,
     after: int,
@@ -94,7 +94,7 @@ def list_files(
     """Return one page of the files of a source; see `repository.files`."""
     source = _row(session, collection, source_id)
     total, rows = repository.files(
-        session, source.number, state, shape_id, equal=equal, after=after, limit=limit + 1
+        session, source.number, state, shape_ids, equal=equal, after=after, limit=limit + 1
     )
     return SourceFilePage(
         files=[SourceFile.of(file, shape_id) for file, shape_id in rows[:limit]],

@@ -4,6 +4,7 @@ import { address, ask, askWith, formWith, send } from "./api.js";
 import { byId, cached, make, showError } from "./dom.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
 import { reload } from "./gallery.js";
+import { locate } from "./paths.js";
 import { shapeCard } from "./shape_card.js";
 import { go, linkTo, opensElsewhere } from "./state.js";
 
@@ -236,6 +237,7 @@ async function openStart() {
       total === 0 ? "No shapes are stored yet. " : "Or start from a stored shape. ", link,
     );
     byId("start-shapes", HTMLUListElement).replaceChildren(...shapes.map((shape) => shapeCard(shape)));
+    await locate(byId("start-shapes", HTMLUListElement));
   } catch (error) {
     showError(byId("find-error", HTMLElement), error);
   }

@@ -5,6 +5,7 @@ import { deleted, erased } from "./deleted.js";
 import { byId, countOf, make, showError } from "./dom.js";
 import { showFacets } from "./facets.js";
 import { changedIn, fill, parametersOf, showCount } from "./fields.js";
+import { locate } from "./paths.js";
 import { selectBox, unselect } from "./selection.js";
 import { menuButton, shapeCard } from "./shape_card.js";
 import { keep } from "./state.js";
@@ -147,6 +148,7 @@ function show(chunk, shapes) {
     if (others) card.append(make("details", {}, make("summary", {}, `${others.length} more like this`), make("ul", { className: "gallery" }, ...others.map((other) => shapeCard(other)))));
     return card;
   }));
+  locate(chunk).catch((error) => showError(errorBox, error));
 }
 
 /**

@@ -8,6 +8,7 @@ import { findFile, openFind } from "./find.js";
 import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openLibrary } from "./library.js";
 import { openMap } from "./map.js";
+import { allowPaths } from "./paths.js";
 import { openSelection } from "./selection.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
 import "./tags.js";
@@ -126,6 +127,7 @@ async function enter(own) {
   if (await openCollections()) return;
   allowChanges(full);
   allowDeletions(full);
+  allowPaths(full);
   // First, because the deletion dialog says how long a shape can be restored.
   if (full) await openDeleted(() => (shownView() === "duplicates" ? show() : reload()));
   for (const part of document.querySelectorAll("[data-needs=full]")) {

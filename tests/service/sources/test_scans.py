@@ -255,6 +255,8 @@ def test_one_file_in_two_sources_is_one_shape(library: Library, root: Path, tmp_
         os.link(root / "a.off", tmp_path / "models" / "inner" / "link.off")
         assert inner.rescan()["scan"]["copies"] == 1
         assert inner.shapes()["link.off"] == shapes["a.off"]
+        some = inner.files(shape_id=[shapes["a.off"], shapes["a.off"].replace("0", "1")])
+        assert some.keys() == {"copy of a.off", "link.off"}
     assert running.client.get("/shapes").json()["total"] == 2
     assert library.rescan()["state"] == "ready"
 

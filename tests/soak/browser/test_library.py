@@ -55,5 +55,15 @@ def test_a_lost_folder_is_told_of_until_a_person_confirms(
         expect(link).to_have_text(re.compile(r"^(b.off = copy of b.off|copy of b.off = b.off)$"))
         expect(link).to_have_attribute("href", re.compile(f"/shapes/{library.shapes()['b.off']}/view$"))
         assert serious(page) == []
+        # The first of two equal files, in a folder, and a shape that no folder has.
+        put(root / "a folder" / "b.off", small_file(2))
+        library.rescan()
+        page = visit.open("browse", sort="newest")
+        cards = page.locator("#gallery li")
+        expect(cards.filter(has_text="b.off").locator(".about")).to_contain_text(f"{root}/a folder · ")
+        expect(cards.filter(has_text="fish-0.ply").locator(".about")).not_to_contain_text(" · ")
+        assert serious(page) == []
+        visit.open("library")
+        expect(row).to_contain_text("4 files, up to date")
     page.reload()
     expect(page.locator("#library-status")).to_contain_text("No folders yet.")
