@@ -172,13 +172,21 @@ def test_a_merged_file_that_its_owner_removes_leaves_the_other_shape_its_file(
         put(root / f"{path}.off", data)
     with Library.of(running, root) as library:
         ids = library.shapes()
-        merge(running, ids["k.off"], ids["s.off"])
-        (root / "s.off").unlink()
+        act = merge(running, ids["k.off"], ids["s.off"])
+        (root / "s.off").rename(root.parent / "s.off")
         assert library.rescan()["state"] == "ready"
         states = {path: (file["state"], file["shape_id"]) for path, file in library.files().items()}
         assert states["k.off"] == ("present", ids["k.off"])
         assert states["s.off"] == ("missing", None)
         assert groups(running, merged=True) == []
+
+        # The merge cannot be undone until the file is back.
+        undo = f"/duplicates/merges/{act}/undo"
+        assert_problem(running.client.post(undo), 409, "file-in-place")
+        (root.parent / "s.off").rename(root / "s.off")
+        assert library.rescan()["counts"]["missing"] == 0
+        assert running.client.post(undo).status_code == 200
+        assert library.shapes() == ids
 
 
 def test_a_key_without_paths_gets_no_list(running: Running, monkeypatch: pytest.MonkeyPatch) -> None:
