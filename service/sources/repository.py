@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Row, bindparam, delete, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Row, bindparam, delete, false, func, insert, or_, select, update
 from sqlalchemy.orm import aliased
 
 from service.collection import CollectionNumber
@@ -15,7 +15,7 @@ from service.shapes.word_repository import index_words
 from service.sources.schemas import FileState
 from service.sources.walk import FoundFile
 from service.storage.database import ReadSession, WriteSession
-from service.storage.tables import NOT_DELETED, ShapeRow, SourceFileRow, SourceRow
+from service.storage.tables import NOT_DELETED, BlobRow, ShapeRow, SourceFileRow, SourceRow
 
 AT_ONCE = 500
 """Rows that one transaction writes, so that other writers wait for a moment only."""
@@ -293,9 +293,10 @@ def as_found(found: FoundFile) -> dict[str, Any]:
 def shape_with(
     session: ReadSession, collection: CollectionNumber, sha256: str, format: str
 ) -> Row[int, str, bool, bool, bool] | None:
-    """Return the shape of some bytes that a source has: `number`, `id`, `owned`, `deleted` and `removed`.
+    """Return the shape of some bytes: `number`, `id`, `owned`, `deleted` and `removed`.
 
-    `deleted` tells that it is deleted, and `removed` that its source was removed.
+    Shapes of sources come before those of uploads, and stored ones before deleted ones, of which only sources
+    have any. `deleted` tells that it is deleted, and `removed` that its source was removed.
     """
     deleted = ShapeRow.deleted_at.is_not(None)
     query = (
@@ -314,7 +315,24 @@ def shape_with(
         .order_by(deleted, SourceFileRow.number)
         .limit(1)
     )
-    return session.execute(query).one_or_none()
+    in_source = session.execute(query).one_or_none()
+    if in_source is not None and not in_source.deleted:
+        return in_source
+    uploaded = (
+        select(
+            ShapeRow.number,
+            ShapeRow.id,
+            false().label("owned"),
+            false().label("deleted"),
+            false().label("removed"),
+        )
+        .join(BlobRow, BlobRow.number == ShapeRow.blob_number)
+        .where(BlobRow.sha256 == sha256, ShapeRow.format == format)
+        .where(ShapeRow.collection_number == collection, NOT_DELETED)
+        .order_by(ShapeRow.number)
+        .limit(1)
+    )
+    return session.execute(uploaded).one_or_none() or in_source
 
 
 def others_with(session: ReadSession, shape_number: int, number: int) -> int:

@@ -342,6 +342,20 @@ def test_equal_files_give_one_name_in_every_order(running: Running, root: Path) 
         assert name() == "mine"
 
 
+def test_a_folder_has_the_uploaded_shape_of_its_equal_files_whatever_their_names(
+    running: Running, root: Path
+) -> None:
+    uploaded = running.store(small_file(1), "mine.off")
+    for name in ("a.off", "mine.off", "z.off"):
+        put(root / name, small_file(1))
+    with Library.of(running, root) as library:
+        assert set(library.shapes().values()) == {uploaded["id"]}
+        assert library.read()["scan"]["stored"] == 0
+        assert running.client.get(f"/shapes/{uploaded['id']}").json()["name"] == "mine.off"
+    # The source that goes leaves the shape, which is not its own.
+    assert running.client.get("/shapes").json()["total"] == 1
+
+
 def test_a_shape_that_moves_to_another_collection_and_back_keeps_its_path(
     library: Library, root: Path
 ) -> None:
