@@ -227,27 +227,32 @@ async def _judge_some(
 
     unjudged = await look()
     keys = {(shape, search.variants) for _, shape in unjudged}
-    in_progress = keys & container.judging
-    if keys and keys == in_progress:
+    waiting = iter(unjudged)
+    taken = False
+
+    async def take() -> None:
+        nonlocal taken
+        for of, shape in waiting:
+            key = shape, search.variants
+            if key in container.judging:
+                continue
+            if not await wanted():
+                return
+            if key in container.judging:
+                continue
+            taken = True
+            container.judging.add(key)
+            try:
+                await ShapeJudge(container, active_pipeline, search, of, shape).judge()
+            finally:
+                container.judging.discard(key)
+
+    await together(take() for _ in range(at_a_time))
+    if not taken and keys & container.judging:
         while keys <= container.judging:
             await asyncio.sleep(BUSY_SECONDS)
         return True
-    waiting = iter([(of, shape) for of, shape in unjudged if (shape, search.variants) not in in_progress])
-
-    async def take() -> None:
-        for of, shape in waiting:
-            if not await wanted():
-                return
-            key = shape, search.variants
-            if key not in container.judging:
-                container.judging.add(key)
-                try:
-                    await ShapeJudge(container, active_pipeline, search, of, shape).judge()
-                finally:
-                    container.judging.discard(key)
-
-    await together(take() for _ in range(at_a_time))
-    return bool(in_progress) or (bool(unjudged) and await look() != unjudged)
+    return bool(unjudged) and await look() != unjudged
 
 
 async def find_neighbours(container: Container, active_pipeline: ActivePipeline) -> bool:

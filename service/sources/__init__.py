@@ -3,4 +3,4 @@
 A folder in; its files found, read where they have changed and stored as shapes; their states out.
 """
 
-__all__ = ["endpoints", "scanner", "schemas"]
+__all__ = ["endpoints", "scanner", "schemas", "service"]

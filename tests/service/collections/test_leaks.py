@@ -155,6 +155,7 @@ SENT: dict[Operation, list[Send]] = {
         to("GET", "/duplicates", params={"format": "csv"}),
     ],
     ("GET", "/duplicates/decisions"): [to("GET", "/duplicates/decisions")],
+    ("GET", "/duplicates/acts"): [to("GET", "/duplicates/acts")],
     ("GET", "/duplicates/merges"): [to("GET", "/duplicates/merges")],
     ("DELETE", "/duplicates/decisions/{decision_id}"): [to("DELETE", "/duplicates/decisions/{decision_id}")],
     ("POST", "/duplicates/decisions"): [both("/duplicates/decisions", decision="different")],
