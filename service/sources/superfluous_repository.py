@@ -45,7 +45,7 @@ class PresentFile(NamedTuple):
 
     @property
     def is_in_zip(self) -> bool:
-        """Whether the file is a member of a zip; so counts a file in a folder with such a name."""
+        """Whether the file is a member of a zip. A folder with such a name counts as a zip."""
         return any(part.lower().endswith(".zip") for part in self.path.split("/")[:-1])
 
 

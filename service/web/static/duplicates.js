@@ -64,7 +64,7 @@ async function load() {
   status.textContent = "Comparing the stored shapes …";
   settled.clear();
   try {
-    // What is known comes at once; then, until no more shapes can be compared, or another view is open.
+    // The known groups come at once; others follow until no more shapes can be compared, or another view is open.
     for (let left = Infinity, seconds = "0"; left > 0 && current().view === "duplicates"; seconds = JUDGING_SECONDS) {
       const wanted = new URLSearchParams([...parametersOf(form), ["judging_seconds", seconds]]);
       /** @type {Duplicates} */
