@@ -17,7 +17,7 @@ from core.arrays import Floats
 NEAR_TRUTH = 0.05
 """Geodesic distance from the true partner over the root of the area, within which a partner is right."""
 
-INTERCEPT, PER_AGREEMENT, PER_COST, PER_DISTORTION = -7.4, 10.8, -0.023, -5.9
+INTERCEPT, PER_AGREEMENT, PER_COST, PER_DISTORTION = -8.8, 11.5, -0.030, -4.3
 """Coefficients of the logistic regression of right partners, on pairs of which one map fits best; poses,
 individuals, parts and scanned bodies count alike."""
 
