@@ -109,7 +109,8 @@ def list_equal_files(
 ) -> FileGroupPage:
     """Return the groups of files with equal bytes, of all sources that are ready: one file of each is enough.
 
-    The kept file is the first by source and path. The service removes no file.
+    The kept file is the first by source and path. A page ends with the group that brings it to 1,000 files.
+    The service removes no file.
     """
     after = read_cursor(listing.cursor)
     with container.database.read() as session:

@@ -1,6 +1,7 @@
 """Groups of files of which one is enough. The service never removes the others: their owner may."""
 
 from collections.abc import Sequence
+from itertools import accumulate
 
 from service.collection import CollectionNumber
 from service.shapes.schemas import write_cursor
@@ -8,6 +9,9 @@ from service.sources import superfluous_repository as repository
 from service.sources.schemas import FileGroup, FileGroupPage, GroupedFile
 from service.sources.superfluous_repository import Identity, PresentFile
 from service.storage.database import ReadSession
+
+FILES_OF_A_PAGE = 1_000
+"""Number of files with which a page ends, after the group that reaches it."""
 
 
 def groups(
@@ -24,17 +28,20 @@ def groups(
     stayed = {shape: kept for shape, kept in stayed.items() if shape in there and kept in plain}
     several = repository.shapes_of_several(session, collection)
     keepers = sorted({*(several - stayed.keys()), *stayed.values()})
-    shown = [keeper for keeper in keepers if keeper > after][: limit + 1]
-    members: dict[int, list[PresentFile]] = {keeper: [] for keeper in shown[:limit]}
+    following = [keeper for keeper in keepers if keeper > after]
+    members: dict[int, list[PresentFile]] = {keeper: [] for keeper in following[:limit]}
     shapes = {*members, *(shape for shape, keeper in stayed.items() if keeper in members)}
     for file in repository.files_of(session, collection, shapes):
         members[stayed.get(file.shape, file.shape)].append(file)
+    counts = accumulate(len(group) for group in members.values())
+    shown = following[: 1 + sum(count < FILES_OF_A_PAGE for count in counts)][:limit]
+    members = {keeper: members[keeper] for keeper in shown}
     hashes = {file.sha256 for group in members.values() for file in group}
     of_several_paths = repository.of_several_paths(session, hashes)
     return FileGroupPage(
         groups=[_group(keeper, group, of_several_paths) for keeper, group in members.items()],
         total=len(keepers),
-        next_cursor=write_cursor(shown[limit - 1]) if len(shown) > limit else None,
+        next_cursor=write_cursor(shown[-1]) if len(following) > len(shown) else None,
     )
 
 

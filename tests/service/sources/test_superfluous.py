@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from service.auth.keys import KeyRing, digest_of
+from service.sources import superfluous
 from tests.service.engines import on_both
 from tests.service.jobs.support import pack
 from tests.service.sources.support import Library, put
@@ -196,3 +197,23 @@ def test_a_key_without_paths_gets_no_list(running: Running, monkeypatch: pytest.
         refused = running.client.get("/equal-files", headers={"x-api-key": "read"})
         assert "see no paths" in assert_problem(refused, 403, "forbidden")["detail"]
         assert running.client.get("/equal-files", headers={"x-api-key": "full"}).status_code == 200
+
+
+def test_a_page_ends_with_the_group_that_reaches_its_number_of_files(
+    running: Running, root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cursors of such pages lead to every group once."""
+    for number, data in enumerate((small_file(71), small_file(72), small_file(73), small_file(74))):
+        for copy in range(2):
+            put(root / f"{number}-{copy}.off", data)
+    with Library.of(running, root):
+        whole = groups(running)
+        monkeypatch.setattr(superfluous, "FILES_OF_A_PAGE", 3)
+        pages, cursor = [], None
+        while cursor or not pages:
+            params = {"limit": 500, **({"cursor": cursor} if cursor else {})}
+            answer = running.client.get("/equal-files", params=params).json()
+            pages.append([[file["path"] for file in group["files"]] for group in answer["groups"]])
+            cursor = answer["next_cursor"]
+    assert [len(page) for page in pages] == [2, 2]
+    assert [group for page in pages for group in page] == [list(group) for group in whole]
