@@ -6,6 +6,7 @@ out.
 
 __all__ = [
     "depth_images",
+    "eigenvalues",
     "facts",
     "network",
     "network_views",

@@ -23,8 +23,10 @@ FALL = 0.6
 SCALE = 1.7
 """Factor by which near shapes have the distance of the signature's eigenvalues, too."""
 
-_WEIGHTS = (SCALE * WEYL**-FALL / (WEYL**-FALL).sum()).astype(np.float32)
-_TREND = (WEYL / np.linalg.norm(WEYL)).astype(np.float32)
+TREND = WEYL / np.linalg.norm(WEYL)
+"""The direction in which the logarithms of eigenvalues of another mesh differ."""
+
+_WEIGHTS = SCALE * WEYL**-FALL / (WEYL**-FALL).sum()
 
 
 def log_eigenvalues(values: Floats) -> Halves | None:
@@ -40,11 +42,16 @@ def log_eigenvalues(values: Floats) -> Halves | None:
 
 
 def eigenvalue_distance(query: Halves, others: Sequence[Halves]) -> Floats:
-    """Compute weighted mean absolute differences between one array and c others, shape (c,), >= 0.
+    """Compute weighted mean absolute differences between one array and c others, shape (c,), >= 0."""
+    differences = np.stack(others).astype(np.float64) - query
+    return np.asarray(np.abs(eigenvalue_coordinates(differences)).sum(axis=1))
+
+
+def eigenvalue_coordinates(logarithms: Floats) -> Floats:
+    """Return points, shape (c, SPECTRUM), whose L1 distances are those of c arrays of log eigenvalues.
 
     The relative error of an eigenvalue of a mesh grows with the eigenvalue and with the area of a triangle
-    (linear finite elements). The multiple of `WEYL` nearest to the differences is therefore removed first.
+    (linear finite elements). The multiple of `WEYL` nearest to the logarithms is therefore removed, and so
+    from their differences.
     """
-    differences = np.stack(others).astype(np.float32) - query.astype(np.float32)
-    differences -= (differences @ _TREND)[:, None] * _TREND
-    return np.asarray(np.abs(differences) @ _WEIGHTS, dtype=np.float64)
+    return np.asarray((logarithms - np.outer(logarithms @ TREND, TREND)) * _WEIGHTS)

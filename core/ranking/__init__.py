@@ -9,6 +9,7 @@ __all__ = [
     "diffusion",
     "families",
     "graph_layout",
+    "kinds",
     "likeness",
     "local_density",
     "reranking",

@@ -37,7 +37,8 @@ class PairDifferences:
         Distances between the eigenvalues and between the global descriptors of two signatures, >= 0.
     distances : dict of float64, each of shape (c,)
         The distances of each descriptor, by name, >= 0, NaN where a shape lacks it: see
-        `core.descriptors.registry`.
+        `core.descriptors.registry`. That of eigenvalues is the lesser of two for shapes of one kind: see
+        `core.ranking.kinds`.
     part : bool, shape (c,)
         Whether one or both surfaces are incomplete.
     part_distance : float64, shape (c,)
@@ -79,6 +80,8 @@ def differences_of(
     densities = typical_densities(len(others)) if densities is None else densities
     signatures = np.stack([other.signature for other in others])
     distances = descriptor_distances(query, others)
+    posed = query_density.posed.distances(densities.posed)
+    distances["eigenvalues"] = np.minimum(distances["eigenvalues"], posed)
     between = descriptor_distance(
         query.arrays["spin_images"],
         [other.arrays["spin_images"] for other in others],

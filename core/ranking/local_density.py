@@ -6,6 +6,7 @@ scaling divides a distance by the root of the product of both shapes' distances 
 global scaling reduce hubs in space", JMLR 13, 2012.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,9 @@ from core.descriptors.views import (
     view_distance,
     view_signature,
 )
+from core.ranking.kinds import KindCoordinates, Kinds, kinds_in, without_kinds
 from core.ranking.shortlist import least
+from core.spectral.spectral_embedding import SPECTRUM
 
 NETWORK = "network_views"
 """The name of the descriptor that some shapes lack."""
@@ -44,18 +47,21 @@ class LocalDensities:
     """Distances of shapes to their seventh neighbours among the stored shapes.
 
     `spectral`, `view` and `network`, float64 of shape (c,), > 0, are those by eigenvalues, by views, and by
-    views that a network sees.
+    views that a network sees. `posed` are the shapes among their kinds.
     """
 
     spectral: Floats
     view: Floats
     network: Floats
+    posed: KindCoordinates
 
 
 def typical_densities(count: int) -> LocalDensities:
     """Return the densities of `count` shapes where no stored shapes are known."""
-    typical = (TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK)
-    return LocalDensities(*(np.full(count, distance) for distance in typical))
+    spectral, view, network = (
+        np.full(count, typical) for typical in (TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK)
+    )
+    return LocalDensities(spectral, view, network, without_kinds(count))
 
 
 def neighbour_distances(distances: Floats, typical: float) -> Floats:
@@ -101,6 +107,8 @@ class DensitySample:
         `core.descriptors.network_views.mean_view` of those.
     with_network : bool, shape (m,)
         Whether a shape is one of those, n in all.
+    kinds : Kinds
+        Kinds of nearly isometric shapes among them.
     """
 
     eigenvalues: Floats
@@ -109,6 +117,7 @@ class DensitySample:
     network_views: list[Int8s]
     mean_views: Float32s
     with_network: NDArray[np.bool_]
+    kinds: Kinds
 
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
@@ -124,6 +133,7 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
         network_views,
         np.array(means, dtype=np.float32).reshape(len(means), FEATURES),
         np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
+        kinds_in(all_log_eigenvalues(shapes)),
     )
 
 
@@ -147,6 +157,7 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         neighbour_distances(spectral, TYPICAL_SPECTRAL),
         neighbour_distances(views, TYPICAL_VIEW),
         neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK),
+        sample.kinds.of(all_log_eigenvalues(shapes)),
     )
 
 
@@ -179,3 +190,10 @@ def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:
     if not shapes:
         return np.empty((0, 0))
     return np.stack([shape.signature[:-GLOBAL_DESCRIPTORS] for shape in shapes]).astype(np.float64)
+
+
+def all_log_eigenvalues(shapes: Sequence[ShapeDescriptors]) -> Floats:
+    """Return the log eigenvalues of c shapes, shape (c, SPECTRUM), NaN for shapes without them."""
+    unknown = np.full(SPECTRUM, np.nan)
+    rows = [shape.arrays.get("eigenvalues", unknown) for shape in shapes]
+    return np.array(rows, dtype=np.float64).reshape(len(shapes), SPECTRUM)

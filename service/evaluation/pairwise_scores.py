@@ -25,7 +25,14 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import PairDifferences, differences_of
 from core.ranking.diffusion import all_contextual_scores
-from core.ranking.local_density import TYPICAL_NETWORK, TYPICAL_SPECTRAL, TYPICAL_VIEW, neighbour_distances
+from core.ranking.kinds import KindCoordinates, kinds_in
+from core.ranking.local_density import (
+    TYPICAL_NETWORK,
+    TYPICAL_SPECTRAL,
+    TYPICAL_VIEW,
+    all_log_eigenvalues,
+    neighbour_distances,
+)
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
 from service.compute.worker_loop import end_with_parent
@@ -97,6 +104,7 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
             done(n - 1 - i)
     part = differences.pop("part") > 0.0
     distances = {name: differences.pop(name) for name in DESCRIPTORS}
+    distances["eigenvalues"] = np.minimum(distances["eigenvalues"], _kind_distances(embeddings))
     differences["spectral_density"] = pair_densities(differences["spectral"], TYPICAL_SPECTRAL)
     differences["view_density"] = pair_densities(distances["views"], TYPICAL_VIEW)
     differences["network_density"] = pair_densities(distances["network_views"], TYPICAL_NETWORK)
@@ -115,6 +123,17 @@ def pair_densities(distances: Floats, typical: float) -> Floats:
     others = np.where(unknown, np.inf, distances)[:, sample]
     nearest = neighbour_distances(others, typical)
     return np.asarray(np.sqrt(np.outer(nearest, nearest)))
+
+
+def _kind_distances(embeddings: Sequence[Embedding]) -> Floats:
+    """Return the distances of n shapes in the metrics of their kinds, shape (n, n), inf between two kinds.
+
+    As in the service, kinds are those in a sample of large collections.
+    """
+    logarithms = all_log_eigenvalues([descriptors_of(embedding) for embedding in embeddings])
+    posed = kinds_in(logarithms[sampled(np.arange(1, len(embeddings) + 1))]).of(logarithms)
+    each = [KindCoordinates(posed.kinds[[i]], posed.coordinates[[i]]) for i in range(len(embeddings))]
+    return np.array([one.distances(posed) for one in each])
 
 
 @contextmanager

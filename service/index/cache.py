@@ -12,8 +12,9 @@ from typing import Generic, TypeVar
 import numpy as np
 from cachetools import LRUCache
 
-from core.arrays import Ints
+from core.arrays import Float32s, Ints
 from core.descriptors.registry import ShapeDescriptors
+from core.ranking.kinds import KindCoordinates
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in
 
 Value = TypeVar("Value")
@@ -97,7 +98,7 @@ SAMPLE = 512
 """Number of shapes in a sample; smaller collections are sampled whole."""
 
 COLLECTIONS, DENSITIES = 32, 50_000
-"""Numbers of collections whose samples a pipeline keeps, of about 9 MB each, and of densities in each."""
+"""Numbers of collections whose samples a pipeline keeps, of 9 to 18 MB each, and of densities in each."""
 
 PRIME, FIRST, SECOND = 2**31 - 1, 1_103_515_245, 654_435_761
 """Keys of the hash of shape numbers. Products of two numbers below the prime fit 64 bits, in SQL too."""
@@ -131,7 +132,9 @@ class CollectionSample:
         self.embeddings = embeddings
         self._sample = sample
         # Each is a function of the embedding and the sample alone.
-        self._densities: EmbeddingCache[tuple[float, float, float]] = EmbeddingCache(DENSITIES, lambda _: 1)
+        self._densities: EmbeddingCache[tuple[float, float, float, int, Float32s]] = EmbeddingCache(
+            DENSITIES, lambda _: 1
+        )
 
     def of_query(self, query: ShapeDescriptors) -> LocalDensities:
         """Return the densities of one shape, arrays of shape (1,)."""
@@ -143,10 +146,11 @@ class CollectionSample:
         new = {number: shape for number, shape in zip(embeddings, shapes, strict=True) if number not in known}
         if new:
             measured = densities_in(self._sample, list(new.values()))
-            columns = (measured.spectral, measured.view, measured.network)
-            rows = zip(*(column.tolist() for column in columns), strict=True)
-            for number, densities in zip(new, rows, strict=True):
-                known[number] = densities
-                self._densities.put(number, densities)
-        table = np.array([known[number] for number in embeddings]).reshape(len(embeddings), 3)
-        return LocalDensities(*table.T)
+            columns = (measured.spectral, measured.view, measured.network, measured.posed.kinds)
+            rows = zip(*(column.tolist() for column in columns), measured.posed.coordinates, strict=True)
+            for number, row in zip(new, rows, strict=True):
+                known[number] = row
+                self._densities.put(number, row)
+        table = zip(*(known[number] for number in embeddings), strict=True)
+        spectral, view, network, kinds, coordinates = map(np.array, table)
+        return LocalDensities(spectral, view, network, KindCoordinates(kinds, coordinates))

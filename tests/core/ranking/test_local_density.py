@@ -10,8 +10,10 @@ from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.descriptors.network_views import network_view_distance
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
 from core.descriptors.views import view_distance
+from core.embedding import Scores
 from core.gallery import CLASSES
 from core.pipeline import Pipeline
+from core.ranking.differences import differences_of
 from core.ranking.local_density import (
     ENOUGH,
     NEIGHBOUR,
@@ -22,6 +24,7 @@ from core.ranking.local_density import (
     density_sample,
     neighbour_distances,
 )
+from tests.core.ranking.test_kinds import POSES, posed_bodies
 from tests.gallery import make_shape
 
 TYPICAL = 0.3
@@ -105,14 +108,35 @@ def test_a_density_does_not_depend_on_the_other_shapes_asked_for():
     together = densities_in(sample, shapes())
     for place, shape in enumerate(shapes()):
         alone = densities_in(sample, [shape])
-        for found, those in zip(astuple(alone), astuple(together), strict=True):
-            assert found[0] == those[place]
+        *distances, posed = astuple(alone)
+        *others, all_posed = astuple(together)
+        for found, those in zip((*distances, *posed), (*others, *all_posed), strict=True):
+            assert (found[0] == those[place]).all()
+
+
+def test_poses_of_a_kind_are_nearer_by_its_metric_and_shapes_without_eigenvalues_have_none():
+    made = shapes()[0]
+    sample = [
+        replace(made, arrays=made.arrays | {"eigenvalues": row.astype(np.float16)}) for row in posed_bodies(0)
+    ]
+    bare = replace(made, arrays={name: made.arrays[name] for name in ("views", "spin_images")})
+    around = density_sample(sample)
+    own, densities = densities_in(around, sample[:1]), densities_in(around, [*sample, bare])
+    scores = Scores(*np.zeros((3, len(sample) + 1)))
+    found = differences_of(sample[0], [*sample, bare], scores, own, densities).distances["eigenvalues"]
+    plain = differences_of(sample[0], [*sample, bare], scores).distances["eigenvalues"]
+    metric = own.posed.distances(densities.posed)
+    assert np.isnan(found[-1])
+    assert np.isinf(metric[-1])
+    assert found[:-1].tolist() == np.minimum(plain, metric)[:-1].tolist()
+    assert (found < 0.7 * plain)[1:POSES].all()
 
 
 def test_without_a_sample_densities_are_typical():
     found = densities_in(density_sample([]), shapes()[:2])
     assert found.spectral.tolist() == [TYPICAL_SPECTRAL] * 2
     assert found.view.tolist() == [TYPICAL_VIEW] * 2
+    assert np.isinf(found.posed.distances(found.posed)).all()
 
 
 def test_the_nearest_views_of_many_shapes_are_mostly_found():

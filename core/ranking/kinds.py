@@ -1,0 +1,132 @@
+"""Kinds of nearly isometric shapes in a sample, and the metric of each, in which poses of one body are near.
+
+A pose moves the eigenvalues of a person together, and otherwise than those of a horse. The differences
+between a shape and its nearest neighbours, mostly other poses of the body, show these directions without
+labels. Relevant component analysis whitens them: A. Bar-Hillel, T. Hertz, N. Shental, D. Weinshall, "Learning
+a Mahalanobis metric from equivalence constraints", JMLR 6, 2005.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
+
+from core.arrays import Float32s, Floats, Ints
+from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
+from core.spectral.spectral_embedding import SPECTRUM
+
+NO_KIND = -1
+"""Stands for the kind of a shape that has none."""
+
+SAME_KIND, SAME_BODY, COPY = 0.04, 0.03, 0.002
+"""Distances of eigenvalues. Shapes that a chain of steps below the first joins are one kind. A near neighbour
+below the second is another pose of the body, and below the last a copy, which shows no pose."""
+
+NEIGHBOURS = 2
+"""Number of neighbours of each shape that may be poses of its body."""
+
+LEAST_POSES = 5
+"""A kind with fewer shapes that have such neighbours has no metric."""
+
+MESH_NOISE, MESHES = 0.004, 200
+"""Standard deviation that another mesh gives the logarithm of eigenvalue 10, with the root of its number, and
+the number of neighbours whose differences count as much as this prior."""
+
+SCALE = 0.01
+"""Factor by which poses have the distance of eigenvalues that they have without a kind."""
+
+
+@dataclass(frozen=True, eq=False)
+class KindCoordinates:
+    """Coordinates of c shapes, each in the metric of its kind.
+
+    Attributes
+    ----------
+    kinds : int64, shape (c,)
+        Numbers of the kinds in a sample; NO_KIND for shapes without one.
+    coordinates : float32, shape (c, SPECTRUM)
+        Whitened log eigenvalues; 0 without a kind.
+    """
+
+    kinds: Ints
+    coordinates: Float32s
+
+    def distances(self, others: "KindCoordinates") -> Floats:
+        """Return distances between these shapes, or one, and as many others, inf between two kinds."""
+        steps = self.coordinates.astype(np.float64) - others.coordinates
+        distances = SCALE * np.sqrt((steps**2).mean(axis=1))
+        return np.where((self.kinds == others.kinds) & (self.kinds != NO_KIND), distances, np.inf)
+
+
+def without_kinds(count: int) -> KindCoordinates:
+    """Return the coordinates of `count` shapes without a kind."""
+    return KindCoordinates(np.full(count, NO_KIND), np.zeros((count, SPECTRUM), dtype=np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """The kinds in a sample.
+
+    Attributes
+    ----------
+    members : float64, shape (m, SPECTRUM)
+        `eigenvalue_coordinates` of the shapes that have a kind.
+    kinds : int64, shape (m,)
+        The number of the kind of each.
+    factors : float32, shape (g, SPECTRUM, SPECTRUM)
+        Lower Cholesky factors of the covariance of poses, one for each kind.
+    """
+
+    members: Floats
+    kinds: Ints
+    factors: Float32s
+
+    def of(self, logarithms: Floats) -> KindCoordinates:
+        """Return coordinates of c shapes, from log eigenvalues of shape (c, SPECTRUM), NaN where they lack.
+
+        A shape has the kind of the nearest member, if this is nearer than `SAME_KIND`.
+        """
+        found = without_kinds(len(logarithms))
+        if not len(self.kinds) or not len(logarithms):
+            return found
+        distances = cdist(eigenvalue_coordinates(logarithms), self.members, "cityblock")
+        distances[np.isnan(distances)] = np.inf
+        near = distances.min(axis=1) < SAME_KIND
+        found.kinds[near] = self.kinds[distances[near].argmin(axis=1)]
+        for kind in np.unique(found.kinds[near]):
+            rows = found.kinds == kind
+            whitened = solve_triangular(self.factors[kind], logarithms[rows].T, lower=True)
+            found.coordinates[rows] = whitened.T
+        return found
+
+
+def kinds_in(logarithms: Floats) -> Kinds:
+    """Return the kinds among m shapes, from log eigenvalues of shape (m, SPECTRUM), NaN where they lack."""
+    logarithms = logarithms[~np.isnan(logarithms).any(axis=1)]
+    coordinates = eigenvalue_coordinates(logarithms)
+    distances = cdist(coordinates, coordinates, "cityblock")
+    _, labels = connected_components(distances < SAME_KIND)
+    distances[distances < COPY] = np.inf
+    neighbours = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
+    shapes, ranks = np.nonzero(np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY)
+    steps = logarithms[neighbours[shapes, ranks]] - logarithms[shapes]
+    known = np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES)
+    factors = [_factor(steps[labels[shapes] == label]) for label in known]
+    members: NDArray[np.bool_] = np.isin(labels, known)
+    return Kinds(
+        coordinates[members],
+        np.searchsorted(known, labels[members]),
+        np.array(factors, dtype=np.float32).reshape(-1, SPECTRUM, SPECTRUM),
+    )
+
+
+def _factor(steps: Floats) -> Floats:
+    """Return the Cholesky factor of the covariance of poses, from the steps between two, shape (p, SPECTRUM).
+
+    The prior is the noise of meshes: independent errors, and a trend of any size.
+    """
+    prior = np.diag(MESH_NOISE**2 / 10.0 * np.arange(1, SPECTRUM + 1)) + np.outer(TREND, TREND)
+    return np.linalg.cholesky((0.5 * steps.T @ steps + MESHES * prior) / (len(steps) + MESHES))

@@ -1,0 +1,98 @@
+"""Kinds of nearly isometric shapes: their metric against a plain covariance, and individuals told apart."""
+
+import numpy as np
+import pytest
+
+from core.arrays import Floats
+from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
+from core.ranking.kinds import (
+    COPY,
+    LEAST_POSES,
+    MESH_NOISE,
+    MESHES,
+    NEIGHBOURS,
+    NO_KIND,
+    SCALE,
+    kinds_in,
+    without_kinds,
+)
+from core.spectral.spectral_embedding import SPECTRUM
+
+BODIES, POSES = 8, 12
+
+
+def posed_bodies(seed: int, centre: float = 0.0) -> Floats:
+    """Log eigenvalues of bodies that differ less than their poses do, shape (BODIES * POSES, SPECTRUM).
+
+    Poses move them along three directions, the same for all bodies.
+    """
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(3, SPECTRUM))
+    bodies = centre + rng.normal(scale=0.01, size=(BODIES, 1, SPECTRUM))
+    poses = rng.normal(scale=0.01, size=(BODIES, POSES, 3)) @ directions
+    return (bodies + poses).reshape(-1, SPECTRUM)
+
+
+def all_distances(sample: Floats, logarithms: Floats) -> Floats:
+    kinds = kinds_in(sample)
+    found = kinds.of(logarithms)
+    return np.array([kinds.of(row[None]).distances(found) for row in logarithms])
+
+
+def first_tier(distances: Floats) -> float:
+    """Share of the poses of a shape's body among as many nearest shapes."""
+    others = np.where(np.eye(len(distances), dtype=bool), np.inf, distances)
+    nearest = others.argsort(axis=1)[:, : POSES - 1]
+    return float((nearest // POSES == np.arange(len(distances))[:, None] // POSES).mean())
+
+
+def test_individuals_are_told_apart_in_poses_that_differ_more_than_they_do() -> None:
+    logarithms = posed_bodies(0)
+    coordinates = eigenvalue_coordinates(logarithms)
+    assert first_tier(np.abs(coordinates[:, None] - coordinates).sum(axis=2)) < 0.5
+    assert first_tier(all_distances(logarithms, logarithms)) > 0.8
+
+
+def test_the_metric_is_the_inverse_of_the_covariance_of_poses() -> None:
+    sample = posed_bodies(1)
+    coordinates = eigenvalue_coordinates(sample)
+    plain = np.abs(coordinates[:, None] - coordinates).sum(axis=2) + 9.0 * np.eye(len(sample))
+    steps = (sample[plain.argsort(axis=1)[:, :NEIGHBOURS]] - sample[:, None]).reshape(-1, SPECTRUM)
+    noise = MESH_NOISE**2 * np.diag(np.arange(1, SPECTRUM + 1) / 10) + np.outer(TREND, TREND)
+    covariance = (steps.T @ steps / 2 + MESHES * noise) / (len(steps) + MESHES)
+    step = sample[3] - sample[20]
+    expected = SCALE * np.sqrt(step @ np.linalg.inv(covariance) @ step / SPECTRUM)
+    assert all_distances(sample, sample)[3, 20] == pytest.approx(expected, rel=1e-4)
+
+
+def test_distances_do_not_depend_on_the_order_and_another_mesh_is_near() -> None:
+    sample = posed_bodies(2)
+    distances = all_distances(sample, sample)
+    assert (distances == distances.T).all()
+    assert all_distances(sample[::-1], sample) == pytest.approx(distances, rel=1e-4, abs=1e-6)
+    kinds = kinds_in(sample)
+    finer = kinds.of(sample[:1] + 0.01 * TREND)
+    assert finer.distances(kinds.of(sample[:1]))[0] < 0.02 * distances[0, POSES]
+
+
+def test_shapes_of_two_kinds_of_none_or_without_eigenvalues_have_no_distance() -> None:
+    first, second = posed_bodies(3), posed_bodies(4, centre=1.0)
+    lacking = np.full((1, SPECTRUM), np.nan)
+    sample = np.concatenate([first, lacking, second, first[:2] + 5.0])
+    kinds = kinds_in(sample).of(sample).kinds.tolist()
+    assert kinds == [0] * len(first) + [NO_KIND] + [1] * len(second) + [NO_KIND] * 2
+    distances = all_distances(sample, sample)
+    assert np.isfinite(distances).sum() == 2 * len(first) ** 2
+    assert all_distances(sample, first) == pytest.approx(all_distances(first, first))
+
+
+def test_copies_and_few_poses_make_no_kind() -> None:
+    sample = posed_bodies(5)
+    for few in (sample[:0], sample[: LEAST_POSES - 1], np.repeat(sample[:1], 9, axis=0)):
+        assert kinds_in(few).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
+    copies = np.concatenate([sample, sample, sample + 1e-3 * COPY])
+    assert first_tier(all_distances(copies, sample)) > 0.8
+
+
+def test_nobody_has_a_distance_without_a_sample() -> None:
+    assert np.isinf(without_kinds(1).distances(without_kinds(3))).tolist() == [True] * 3
