@@ -14,8 +14,9 @@ from scipy.linalg import solve_triangular
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from core.arrays import Float32s, Floats, Ints
+from core.arrays import Bytes, Float32s, Floats, Ints
 from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
+from core.descriptors.views import view_distance
 from core.spectral.spectral_embedding import SPECTRUM
 
 NO_KIND = -1
@@ -24,6 +25,10 @@ NO_KIND = -1
 SAME_KIND, SAME_BODY, COPY = 0.04, 0.03, 0.002
 """Distances of eigenvalues. Shapes that a chain of steps below the first joins are one kind. A near neighbour
 below the second is another pose of the body, and below the last a copy, which shows no pose."""
+
+BENT = 0.3
+"""Poses of one body look different from outside: their views differ by more than this, whereas those of two
+sizes of a screw, which may be as near by eigenvalues, do not."""
 
 NEIGHBOURS = 2
 """Number of neighbours of each shape that may be poses of its body."""
@@ -103,22 +108,29 @@ class Kinds:
         return found
 
 
-def kinds_in(logarithms: Floats) -> Kinds:
-    """Return the kinds among m shapes, from log eigenvalues of shape (m, SPECTRUM), NaN where they lack."""
-    logarithms = logarithms[~np.isnan(logarithms).any(axis=1)]
+def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
+    """Return the kinds among m shapes.
+
+    Log eigenvalues have the shape (m, SPECTRUM), NaN where they lack, and views (m, VIEW_BYTES).
+    """
+    known = ~np.isnan(logarithms).any(axis=1)
+    logarithms, views = logarithms[known], views[known]
     coordinates = eigenvalue_coordinates(logarithms)
     distances = cdist(coordinates, coordinates, "cityblock")
     _, labels = connected_components(distances < SAME_KIND)
     distances[distances < COPY] = np.inf
     neighbours = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
-    shapes, ranks = np.nonzero(np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY)
+    near = np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY
+    for shape in np.flatnonzero(near.any(axis=1)):
+        near[shape] &= view_distance(views[shape], views[neighbours[shape]]) > BENT
+    shapes, ranks = np.nonzero(near)
     steps = logarithms[neighbours[shapes, ranks]] - logarithms[shapes]
-    known = np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES)
-    factors = [_factor(steps[labels[shapes] == label]) for label in known]
-    members: NDArray[np.bool_] = np.isin(labels, known)
+    posed = np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES)
+    factors = [_factor(steps[labels[shapes] == label]) for label in posed]
+    members: NDArray[np.bool_] = np.isin(labels, posed)
     return Kinds(
         coordinates[members],
-        np.searchsorted(known, labels[members]),
+        np.searchsorted(posed, labels[members]),
         np.array(factors, dtype=np.float32).reshape(-1, SPECTRUM, SPECTRUM),
     )
 

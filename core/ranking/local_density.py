@@ -122,18 +122,18 @@ class DensitySample:
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
     """Return the sample of some shapes, in their order."""
-    views = [shape.arrays["views"] for shape in shapes]
+    views = all_views(shapes)
     signatures = [view_signature(descriptor) for descriptor in views]
     network_views = [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays]
     means = [mean_view(each) for each in network_views]
     return DensitySample(
         _eigenvalues(shapes),
         np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
-        np.array(views, dtype=np.uint8).reshape(len(shapes), VIEW_BYTES),
+        views,
         network_views,
         np.array(means, dtype=np.float32).reshape(len(means), FEATURES),
         np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
-        kinds_in(all_log_eigenvalues(shapes)),
+        kinds_in(all_log_eigenvalues(shapes), views),
     )
 
 
@@ -197,3 +197,9 @@ def all_log_eigenvalues(shapes: Sequence[ShapeDescriptors]) -> Floats:
     unknown = np.full(SPECTRUM, np.nan)
     rows = [shape.arrays.get("eigenvalues", unknown) for shape in shapes]
     return np.array(rows, dtype=np.float64).reshape(len(shapes), SPECTRUM)
+
+
+def all_views(shapes: Sequence[ShapeDescriptors]) -> Bytes:
+    """Return the views of c shapes, shape (c, VIEW_BYTES)."""
+    rows = [shape.arrays["views"] for shape in shapes]
+    return np.array(rows, dtype=np.uint8).reshape(len(shapes), VIEW_BYTES)

@@ -31,6 +31,7 @@ from core.ranking.local_density import (
     TYPICAL_SPECTRAL,
     TYPICAL_VIEW,
     all_log_eigenvalues,
+    all_views,
     neighbour_distances,
 )
 from core.serialization import embedding_from_bytes
@@ -130,8 +131,10 @@ def _kind_distances(embeddings: Sequence[Embedding]) -> Floats:
 
     As in the service, kinds are those in a sample of large collections.
     """
-    logarithms = all_log_eigenvalues([descriptors_of(embedding) for embedding in embeddings])
-    posed = kinds_in(logarithms[sampled(np.arange(1, len(embeddings) + 1))]).of(logarithms)
+    shapes = [descriptors_of(embedding) for embedding in embeddings]
+    logarithms, views = all_log_eigenvalues(shapes), all_views(shapes)
+    sample = sampled(np.arange(1, len(shapes) + 1))
+    posed = kinds_in(logarithms[sample], views[sample]).of(logarithms)
     each = [KindCoordinates(posed.kinds[[i]], posed.coordinates[[i]]) for i in range(len(embeddings))]
     return np.array([one.distances(posed) for one in each])
 

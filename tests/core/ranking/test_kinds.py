@@ -5,6 +5,7 @@ import pytest
 
 from core.arrays import Floats
 from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
+from core.descriptors.views import VIEW_BYTES
 from core.ranking.kinds import (
     COPY,
     LEAST_POSES,
@@ -13,6 +14,7 @@ from core.ranking.kinds import (
     NEIGHBOURS,
     NO_KIND,
     SCALE,
+    Kinds,
     kinds_in,
     without_kinds,
 )
@@ -33,8 +35,14 @@ def posed_bodies(seed: int, centre: float = 0.0) -> Floats:
     return (bodies + poses).reshape(-1, SPECTRUM)
 
 
+def kinds_of(logarithms: Floats) -> Kinds:
+    """Return the kinds among shapes that all look different."""
+    views = np.random.default_rng(0).integers(256, size=(len(logarithms), VIEW_BYTES), dtype=np.uint8)
+    return kinds_in(logarithms, views)
+
+
 def all_distances(sample: Floats, logarithms: Floats) -> Floats:
-    kinds = kinds_in(sample)
+    kinds = kinds_of(sample)
     found = kinds.of(logarithms)
     return np.array([kinds.of(row[None]).distances(found) for row in logarithms])
 
@@ -70,7 +78,7 @@ def test_distances_do_not_depend_on_the_order_and_another_mesh_is_near() -> None
     distances = all_distances(sample, sample)
     assert (distances == distances.T).all()
     assert all_distances(sample[::-1], sample) == pytest.approx(distances, rel=1e-4, abs=1e-6)
-    kinds = kinds_in(sample)
+    kinds = kinds_of(sample)
     finer = kinds.of(sample[:1] + 0.01 * TREND)
     assert finer.distances(kinds.of(sample[:1]))[0] < 0.02 * distances[0, POSES]
 
@@ -79,7 +87,7 @@ def test_shapes_of_two_kinds_of_none_or_without_eigenvalues_have_no_distance() -
     first, second = posed_bodies(3), posed_bodies(4, centre=1.0)
     lacking = np.full((1, SPECTRUM), np.nan)
     sample = np.concatenate([first, lacking, second, first[:2] + 5.0])
-    kinds = kinds_in(sample).of(sample).kinds.tolist()
+    kinds = kinds_of(sample).of(sample).kinds.tolist()
     assert kinds == [0] * len(first) + [NO_KIND] + [1] * len(second) + [NO_KIND] * 2
     distances = all_distances(sample, sample)
     assert np.isfinite(distances).sum() == 2 * len(first) ** 2
@@ -89,9 +97,16 @@ def test_shapes_of_two_kinds_of_none_or_without_eigenvalues_have_no_distance() -
 def test_copies_and_few_poses_make_no_kind() -> None:
     sample = posed_bodies(5)
     for few in (sample[:0], sample[: LEAST_POSES - 1], np.repeat(sample[:1], 9, axis=0)):
-        assert kinds_in(few).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
+        assert kinds_of(few).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
     copies = np.concatenate([sample, sample, sample + 1e-3 * COPY])
     assert first_tier(all_distances(copies, sample)) > 0.8
+
+
+def test_sizes_of_a_part_that_look_alike_make_no_kind() -> None:
+    sample = posed_bodies(6)
+    alike = np.zeros((len(sample), VIEW_BYTES), dtype=np.uint8)
+    assert kinds_in(sample, alike).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
+    assert kinds_of(sample).of(sample).kinds.tolist() == [0] * len(sample)
 
 
 def test_nobody_has_a_distance_without_a_sample() -> None:

@@ -9,7 +9,7 @@ import pytest
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.descriptors.network_views import network_view_distance
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
-from core.descriptors.views import view_distance
+from core.descriptors.views import VIEW_BYTES, view_distance
 from core.embedding import Scores
 from core.gallery import CLASSES
 from core.pipeline import Pipeline
@@ -116,8 +116,17 @@ def test_a_density_does_not_depend_on_the_other_shapes_asked_for():
 
 def test_poses_of_a_kind_are_nearer_by_its_metric_and_shapes_without_eigenvalues_have_none():
     made = shapes()[0]
+    rng = np.random.default_rng(0)
     sample = [
-        replace(made, arrays=made.arrays | {"eigenvalues": row.astype(np.float16)}) for row in posed_bodies(0)
+        replace(
+            made,
+            arrays=made.arrays
+            | {
+                "eigenvalues": row.astype(np.float16),
+                "views": rng.integers(256, size=VIEW_BYTES, dtype=np.uint8),
+            },
+        )
+        for row in posed_bodies(0)
     ]
     bare = replace(made, arrays={name: made.arrays[name] for name in ("views", "spin_images")})
     around = density_sample(sample)
