@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from core.arrays import Float32s, Floats, Int8s, Int32s, Ints
 from core.matching.kernels.match_record import MatchRecord
-from core.matching.kernels.pair_matching import refine_map
+from core.matching.kernels.pair_matching import refine_maps
 from core.matching.kernels.procrustes import EXACT, ROUGH
 from core.matching.kernels.spline_search import SearchRounds, search_maps
 from core.spectral.orientation import orientation_agreement
@@ -103,14 +103,13 @@ def _refined(
 ) -> tuple[float, Int32s, Int32s]:
     """Refine a map in place, on the first samples or on all, and return its correlation and pairs."""
     samples_of_x, samples_of_y = (each.points[: len(each.offsets) - 1][:samples] for each in (x, y))
-    targets = np.ascontiguousarray(samples_of_y.T)
     forward, backward = (np.empty(len(points), dtype=np.int32) for points in (samples_of_x, samples_of_y))
-    score = 0.0
+    scores = np.zeros(1)
     for _ in range(count):
-        score = refine_map(
-            samples_of_x, samples_of_y, targets, len(x.radius), steps, rotation, forward, backward
+        refine_maps(
+            samples_of_x, samples_of_y, len(x.radius), steps, rotation[None], scores, forward, backward
         )
-    return score, forward, backward
+    return float(scores[0]), forward, backward
 
 
 def _maps(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> _Maps:
@@ -122,7 +121,7 @@ def _maps(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> _Maps:
     one_start = rounds._replace(starts=1, sides=1)
     columns, domains = x.points.shape[1], len(x.radius)
     rotations = np.zeros((domains, columns, columns), dtype=np.float32)
-    correlations = np.empty(domains, dtype=np.float32)
+    correlations = np.empty(domains)
     maps, scores, partners = [], [], []
     for start in range(rounds.starts):
         signs = np.ones((1, x.searched.shape[1], 1), dtype=np.float32)

@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 
 from core.arrays import Float32s, Floats, Int8s, Ints
 from core.embedding import Embedding, Match, Scores
-from core.matching.kernels.match_record import MatchRecord, decoded, lower_triangle, precedes
+from core.matching.kernels.match_record import MatchRecord, decoded, precedes
 from core.matching.kernels.one_to_many import MATCH_RECORD
 from core.matching.match_records import compared, keyed_match_record, score_match_records, search_rounds
 from core.matching.oriented_map import CandidateMaps, candidate_maps
@@ -58,7 +58,7 @@ def _left(shape: MatchRecord, misses: Floats) -> Floats:
 
     It reproduces affine maps, so the differences of pairs after the map, shape (m, k), tell.
     """
-    lower = lower_triangle(shape.warp[0], len(misses)).astype(np.float64)
+    lower = shape.warp[0].astype(np.float64)
     others = lower + lower.T
     return np.asarray(np.linalg.norm(others @ misses - others.sum(axis=1)[:, None] * misses, axis=1))
 

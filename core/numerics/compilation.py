@@ -1,9 +1,9 @@
 """Compilation of inner loops by numba, with decorators that keep the types of functions.
 
-All functions compile in 43 s of one core, and are loaded from a cache later. Seconds of the longest, with all
+All functions compile in 53 s of one core, and are loaded from a cache later. Seconds of the longest, with all
 that they call, and how many times as long their results take in NumPy or SciPy (a mesh of 3,000 vertices):
 
-    compare_many, which is all of matching                  24.1 s     130 times
+    compare_many, which is all of matching                  34.5 s     190 times
     splines of a match record                                3.7 s       8 times
     farthest points and geodesics by Dial's queue            3.1 s     830 and 7 times
     spin images                                              1.1 s      26 times
@@ -100,10 +100,18 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     Numba's cache notices changes of a function's own file only. Its key includes the function's name, so a
     hash of all source files of the package is added to the name.
     """
+    return _kernel(function, inline=False)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """As `kernel`, for a short function that runs in an inner loop: its callers contain it."""
+    return _kernel(function, inline=True)
+
+
+def _kernel(function: Callable[P, R], *, inline: bool) -> Callable[P, R]:
     function.__qualname__ = f"{function.__name__}_{_kernel_sources()}"
-    return cast(
-        "Callable[P, R]", njit(cache=True, nogil=True, fastmath=FINITE, error_model="numpy")(function)
-    )
+    compiler = njit(cache=True, nogil=True, fastmath=FINITE, error_model="numpy", forceinline=inline)
+    return cast("Callable[P, R]", compiler(function))
 
 
 @cache

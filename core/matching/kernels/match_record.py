@@ -6,7 +6,8 @@ import numpy as np
 
 from core.arrays import Float32s, Int8s, Int16s, Int32s
 from core.matching.kernels.points import points_of, sorted_regions
-from core.numerics.compilation import kernel
+from core.matching.kernels.simd import SIMD_WIDTH, load, load_whole, repeat, store, whole_vectors
+from core.numerics.compilation import inlined, kernel
 
 ONE = 32767
 """The integer that stands for 1 in a spline's matrix, whose entries lie in [-1, 1]."""
@@ -28,14 +29,14 @@ class MatchRecord(NamedTuple):
         Spectral coordinates side by side, the samples first.
     searched : float32, shape (b, j, s)
         The first samples and dimensions, by columns: the search reads these alone.
-    operators : int16, shape (b, stages, s, s)
-        Their splines, over `ONE`.
+    operators : float32, shape (b, stages, s, w)
+        Their splines, with rows of whole vectors.
     offsets : int32, shape (m + 1,)
         Sample i's region is `members[offsets[i]:offsets[i + 1]]`.
     members : int32, shape (d,)
-    warp : int8, shape (b, m (m - 1) / 2)
-        The softer spline of all samples: cube roots of the entries below the diagonal, row after row, over
-        `ROOT`. It is symmetric, and its rows sum to 1.
+    warp : float32, shape (b, m, m)
+        The softer spline of all samples: the entries below the diagonal, and zeros. It is symmetric, and its
+        rows sum to 1.
     radius : float32, shape (b,)
         Mean distance of the samples from their centroid.
     key : int32, shape (4,)
@@ -44,10 +45,10 @@ class MatchRecord(NamedTuple):
 
     points: Float32s
     searched: Float32s
-    operators: Int16s
+    operators: Float32s
     offsets: Int32s
     members: Int32s
-    warp: Int8s
+    warp: Float32s
     radius: Float32s
     key: Int32s
 
@@ -66,46 +67,67 @@ def decoded(record: Float32s) -> MatchRecord:
     offsets, members = sorted_regions(regions)
     start += length // 4
     length = (b * stages * (s * (s + 1) // 2) + 1) // 2
-    operators = symmetric(record[start : start + length].view(np.int16), b * stages, s)
+    operators = symmetric(record[start : start + length].view(np.int16), b, stages, s)
     start += length
-    warp = record[start:].view(np.int8)[: b * (m * (m - 1) // 2)]
+    warp = lower_triangles(record[start:].view(np.int8), b, m)
     return MatchRecord(
-        points,
-        searched_columns(points, b, j, s),
-        operators.reshape((b, stages, s, s)),
-        offsets,
-        members,
-        warp.reshape((b, m * (m - 1) // 2)),
-        radius,
-        head[7:11],
+        points, searched_columns(points, b, j, s), operators, offsets, members, warp, radius, head[7:11]
     )
 
 
 @kernel
-def symmetric(triangles: Int16s, count: int, m: int) -> Int16s:
-    """Return symmetric matrices, shape (count, m, m), of their lower triangles, row after row."""
-    matrices = np.empty((count, m, m), dtype=np.int16)
+def symmetric(triangles: Int16s, domains: int, stages: int, s: int) -> Float32s:
+    """Return symmetric matrices of their lower triangles over `ONE`, row after row.
+
+    The result has rows of whole vectors, shape (b, stages, s, w).
+    """
+    width = whole_vectors(s)
+    matrices = np.empty((domains, stages, s, width), dtype=np.float32)
     place = 0
-    for matrix in range(count):
-        for i in range(m):
-            for j in range(i + 1):
-                matrices[matrix, i, j] = triangles[place + j]
-                matrices[matrix, j, i] = triangles[place + j]
+    for which in range(domains * stages):
+        start = which * s * width
+        matrix = matrices[which // stages, which % stages]
+        for i in range(s):
+            # Numbers beyond the diagonal are overwritten, in turn with the rows below.
+            _write_whole(triangles, place, i + 1, np.float32(1.0 / ONE), matrices, start + i * width)
+            for j in range(i):
+                matrix[j, i] = matrix[i, j]
             place += i + 1
+        for i in range(s):
+            for j in range(s, width):
+                matrix[i, j] = np.float32(0.0)
     return matrices
 
 
 @kernel
-def lower_triangle(roots: Int8s, m: int) -> Float32s:
-    """Return the entries of a matrix below the diagonal, shape (m, m), of their cube roots over `ROOT`."""
-    matrix = np.zeros((m, m), dtype=np.float32)
+def lower_triangles(roots: Int8s, domains: int, m: int) -> Float32s:
+    """Return the entries of matrices below the diagonal, shape (b, m, m), of their cube roots over `ROOT`."""
+    numbers = np.zeros(domains * m * m + SIMD_WIDTH, dtype=np.float32)
     place = 0
-    for i in range(m):
-        for j in range(i):
-            root = np.float32(roots[place + j]) * np.float32(1.0 / ROOT)
-            matrix[i, j] = root * root * root
-        place += i
-    return matrix
+    for row in range(domains * m):
+        start, count = row * m, row % m
+        # Numbers beyond the diagonal give way to zeros, and those beyond the row to the next row.
+        _write_whole(roots, place, count, np.float32(1.0 / ROOT), numbers, start)
+        for j in range(start, start + count, SIMD_WIDTH):
+            entries = load(numbers, j, SIMD_WIDTH)
+            store(entries * entries * entries, numbers, j)
+        store(repeat(np.float32(0.0), SIMD_WIDTH), numbers, start + count)
+        place += count
+    return numbers[: domains * m * m].reshape((domains, m, m))
+
+
+@inlined
+def _write_whole(
+    whole: Int8s | Int16s, place: int, count: int, unit: np.float32, out: Float32s, start: int
+) -> None:
+    """Write so many whole numbers times their unit, and those that follow up to whole vectors."""
+    for j in range(0, count, SIMD_WIDTH):
+        if place + j + SIMD_WIDTH <= len(whole):
+            numbers = load_whole(whole, place + j, SIMD_WIDTH)
+            store(numbers * repeat(unit, SIMD_WIDTH), out, start + j)
+        else:
+            for last in range(j, count):
+                store(load_whole(whole, place + last, 1) * repeat(unit, 1), out, start + last)
 
 
 @kernel
@@ -125,17 +147,6 @@ def searched_columns(points: Float32s, domains: int, dimensions: int, samples: i
             for i in range(samples):
                 searched[domain, c, i] = points[i, domain * k + c]
     return searched
-
-
-@kernel
-def dequantised(matrix: Int16s) -> Float32s:
-    """Return a spline's matrix of integers over `ONE`, shape (m, m), in float32."""
-    m = len(matrix)
-    floats = np.empty((m, m), dtype=np.float32)
-    for i in range(m):
-        for j in range(m):
-            floats[i, j] = np.float32(matrix[i, j]) * np.float32(1.0 / ONE)
-    return floats
 
 
 @kernel

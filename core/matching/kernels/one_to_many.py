@@ -8,21 +8,25 @@ import math
 
 import numpy as np
 
-from core.arrays import Bytes, Float32s, Floats, Int16s, Ints
+from core.arrays import Bytes, Float32s, Floats, Ints
 from core.matching.kernels.match_record import ONE, MatchRecord, decoded, precedes, searched_columns
-from core.matching.kernels.pair_matching import fit_map, score_pairs
+from core.matching.kernels.pair_matching import copy_matrix, fit_maps, pair_of, score_pairs
+from core.matching.kernels.simd import whole_vectors
 from core.matching.kernels.spline_search import SearchRounds
 from core.numerics.compilation import kernel
 
 MATCH_RECORD, COARSE_SAMPLES = 0, 1
 """The form of the others: encoded match records, or coarse samples (`core.ranking.reranking`)."""
 
+TOGETHER = 4
+"""Shapes that are matched together: their maps fill the lanes of `core.matching.kernels.procrustes`."""
+
 NEW_DIRECTION = 1e-6
 """The least norm of a new direction, over the norm of its coordinate, that is more than rounding."""
 
 
 @kernel
-def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
+def flat_splines(searched: Float32s, first: int, operators: Float32s) -> None:
     """Write the operators of splines that do not bend: projections that fit affine maps by least squares.
 
     Stiff splines are nearly these, and take a hundred times as long to make.
@@ -32,8 +36,8 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
     searched : float32, shape (b, j, s)
     first : int
         Dimensions of the first stage.
-    operators : int16, shape (b, j - first + 1, s, s)
-        Written, over `ONE`: projections onto the constants and the first coordinates.
+    operators : float32, shape (b, j - first + 1, s, w)
+        Written, in whole numbers over `ONE`: projections onto the constants and the first coordinates.
     """
     b, j, s = searched.shape
     axes = np.empty((j + 1, s), dtype=np.float32)
@@ -69,7 +73,8 @@ def flat_splines(searched: Float32s, first: int, operators: Int16s) -> None:
                 for i in range(s):
                     for column in range(s):
                         whole = np.rint(projection[i, column] * np.float32(ONE))
-                        operators[block, c + 1 - first, i, column] = np.int16(min(max(whole, -ONE), ONE))
+                        whole = min(max(whole, np.float32(-ONE)), np.float32(ONE))
+                        operators[block, c + 1 - first, i, column] = whole * np.float32(1.0 / ONE)
 
 
 @kernel
@@ -101,7 +106,7 @@ def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Matc
     operators = x.operators
     if rounds.sides > 1 and samples > 0:
         stages = dimensions - rounds.first_dimensions + 1
-        operators = np.empty((domains, stages, samples, samples), dtype=np.int16)
+        operators = np.zeros((domains, stages, samples, whole_vectors(samples)), dtype=np.float32)
         flat_splines(searched, rounds.first_dimensions, operators)
     offsets = np.empty(count + 1, dtype=np.int32)
     for i in range(count + 1):
@@ -140,34 +145,38 @@ def compare_many(
     """
     x = decoded(query)
     columns = x.points.shape[1]
-    for i in range(len(ends)):
-        # The other shape, in whichever form it is held.
-        data = others[ends[i - 1] if i else 0 : ends[i]]
-        y = decoded(data.view(np.float32)) if form == MATCH_RECORD else record_of_samples(data, x, rounds)
-        scores[i, 0] = -2.0
-        if len(y.points) == 0:
+    for start in range(0, len(ends), TOGETHER):
+        pairs = [pair_of(x, x) for _ in range(0)]
+        places = np.empty(TOGETHER, dtype=np.int64)
+        for i in range(start, min(start + TOGETHER, len(ends))):
+            # The other shape, in whichever form it is held.
+            data = others[ends[i - 1] if i else 0 : ends[i]]
+            y = decoded(data.view(np.float32)) if form == MATCH_RECORD else record_of_samples(data, x, rounds)
+            scores[i, 0] = -2.0
+            if len(y.points) == 0:
+                continue
+            order = precedes(x, y) if form == MATCH_RECORD else 1
+            # A shape with itself: a search might find a symmetry. A domain that is one point counts 0.
+            if order == 0:
+                rotation[:] = 0.0
+                for c in range(columns):
+                    rotation[c, c] = 1.0
+                scores[i, 0] = (x.radius > 0.0).mean()
+                scores[i, 1] = 0.0
+                scores[i, 2] = 1.0
+                continue
+            places[len(pairs)] = i
+            pairs.append(pair_of(x, y) if order > 0 else pair_of(y, x))
+        # The maps between both, in their order, and the scores of the pairs under them.
+        count = len(pairs)
+        if count == 0:
             continue
-        order = precedes(x, y) if form == MATCH_RECORD else 1
-        rotation[:] = 0.0
-        # A shape with itself: a search might find one of its symmetries. A domain that is one point counts 0.
-        if order == 0:
-            for c in range(columns):
-                rotation[c, c] = 1.0
-            scores[i, 0] = (x.radius > 0.0).mean()
-            scores[i, 1] = 0.0
-            scores[i, 2] = 1.0
-            continue
-        # The map between both, in their order, and the scores of the pairs under it.
-        first = x if order > 0 else y
-        second = y if order > 0 else x
-        m = len(first.offsets) - 1
-        n = len(second.offsets) - 1
-        forward = np.empty(m, dtype=np.int32)
-        backward = np.empty(n, dtype=np.int32)
-        partners = np.empty((m if rounds.final_rounds else 0, columns), dtype=np.float32)
-        sources = np.empty((n if rounds.final_rounds else 0, columns), dtype=np.float32)
-        scores[i, 0] = fit_map(first, second, rounds, forward, backward, partners, sources, rotation)
-        if form == MATCH_RECORD:
-            score_pairs(
-                first, second, forward, backward, partners, sources, rotation, rounds.effective, scores[i]
-            )
+        rotations, correlations = np.zeros((count, columns, columns), dtype=np.float32), np.empty(count)
+        fit_maps(pairs, rounds, rotations, correlations)
+        for number in range(count):
+            place = places[number]
+            scores[place, 0] = correlations[number]
+            if form == MATCH_RECORD:
+                score_pairs(pairs[number], rotations[number], rounds.effective, scores[place])
+        if places[count - 1] == len(ends) - 1:
+            copy_matrix(rotations[count - 1], rotation)

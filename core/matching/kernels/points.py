@@ -3,6 +3,7 @@
 import numpy as np
 
 from core.arrays import Bytes, Float32s, Int32s
+from core.matching.kernels.simd import SUMS, load, load_whole, store
 from core.numerics.compilation import kernel
 
 EXPONENT, LARGE = 0x7F800000, 0x71800000
@@ -39,28 +40,37 @@ def points_of(data: Bytes, columns: int) -> tuple[Float32s, Int32s]:
     offsets = data[offsets_start:stop].view(np.int8)
     points = np.empty((d, columns), dtype=np.float32)
     regions = np.empty(d, dtype=np.int32)
+    vectors = columns - columns % SUMS
     # The samples: whole numbers over their units, or floats where there are no other points.
     whole = samples.view(np.int16)
     bits = samples[: len(samples) // 4 * 4].view(np.int32)
     floats = bits.view(np.float32)
     for i in range(m):
         regions[i] = i
+        place = i * columns
+        if d > m:
+            for c in range(0, vectors, SUMS):
+                store(load_whole(whole, place + c, SUMS) * load(units, c, SUMS), points, place + c)
+            for c in range(vectors, columns):
+                points[i, c] = np.float32(whole[place + c]) * units[c]
+            continue
         for c in range(columns):
-            number = i * columns + c
-            if d > m:
-                points[i, c] = np.float32(whole[number]) * units[c]
-            elif (bits[number] & EXPONENT) >= LARGE:
+            if (bits[place + c] & EXPONENT) >= LARGE:
                 return nothing
-            else:
-                points[i, c] = floats[number]
+            points[i, c] = floats[place + c]
+    # The other points: offsets over their units from a sample.
     for i in range(d - m):
-        region = np.int32(near[i])
+        region = int(near[i])
         if region >= m:
             return nothing
         regions[m + i] = region
-        for c in range(columns):
-            offset = np.float32(offsets[i * columns + c]) * units[columns + c]
-            points[m + i, c] = points[region, c] + offset
+        start, sample = i * columns, region * columns
+        for c in range(0, vectors, SUMS):
+            offset = load_whole(offsets, start + c, SUMS) * load(units, columns + c, SUMS)
+            store(load(points, sample + c, SUMS) + offset, points, int(m) * columns + start + c)
+        for c in range(vectors, columns):
+            step = np.float32(offsets[start + c]) * units[columns + c]
+            points[m + i, c] = points[region, c] + step
     return points, regions
 
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from core.arrays import Float32s
-from core.matching.kernels.simd import SIMD_WIDTH, product_row
-from core.numerics.compilation import constant, kernel
+from core.arrays import Float32s, Floats
+from core.matching.kernels.simd import Vector, entry, fused, load, repeat, store
+from core.numerics.compilation import constant, inlined, kernel
 
 ROUGH = constant(
     np.array(
@@ -47,9 +47,64 @@ EXACT = constant(
 """As `ROUGH`, from [1e-4, 1] to within rounding of 1, for maps that are scored."""
 
 
+LANES = 8
+"""Matrices side by side, one a lane: each entry of theirs is a vector."""
+
+
+@inlined
+def _lane_tile(
+    left: Float32s, first: int, second: int, down: int, right: Float32s, begin: int, step: int, count: int
+) -> tuple[Vector, Vector, Vector, Vector, Vector, Vector, Vector, Vector]:
+    """Return 2 x 4 entries of a product of matrices in lanes, one row after the other.
+
+    An entry of the first row is the sum over c < count of left[first + c down] times
+    right[begin + c step + column].
+    """
+    nought = repeat(np.float32(0.0), LANES)
+    a, b, c, d, e, f, g, h = nought, nought, nought, nought, nought, nought, nought, nought
+    for place in range(count):
+        upper, lower = load(left, first + place * down, LANES), load(left, second + place * down, LANES)
+        start = begin + place * step
+        column = load(right, start, LANES)
+        a, e = fused(upper, column, a), fused(lower, column, e)
+        column = load(right, start + LANES, LANES)
+        b, f = fused(upper, column, b), fused(lower, column, f)
+        column = load(right, start + 2 * LANES, LANES)
+        c, g = fused(upper, column, c), fused(lower, column, g)
+        column = load(right, start + 3 * LANES, LANES)
+        d, h = fused(upper, column, d), fused(lower, column, h)
+    return a, b, c, d, e, f, g, h
+
+
 @kernel
-def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, workspace: Float32s) -> float:
-    """Write the polar factor U V^T of a matrix U S V^T; return its trace with the matrix, the sum of S.
+def _gram(matrix: Float32s, gram: Float32s) -> None:
+    """Write the transpose of matrices times themselves, all of shape (k, w, LANES)."""
+    k, width, _ = matrix.shape
+    down = width * LANES
+    for i in range(0, k, 2):
+        following = min(i + 1, k - 1)
+        for j in range(0, following + 1, 4):
+            a, b, c, d, e, f, g, h = _lane_tile(
+                matrix, i * LANES, following * LANES, down, matrix, j * LANES, down, k
+            )
+            place = following * down + j * LANES
+            store(e, gram, place)
+            store(f, gram, place + LANES)
+            store(g, gram, place + 2 * LANES)
+            store(h, gram, place + 3 * LANES)
+            place = i * down + j * LANES
+            store(a, gram, place)
+            store(b, gram, place + LANES)
+            store(c, gram, place + 2 * LANES)
+            store(d, gram, place + 3 * LANES)
+    for i in range(k):
+        for j in range(i):
+            store(load(gram, i * down + j * LANES, LANES), gram, j * down + i * LANES)
+
+
+@kernel
+def nearest_rotations(matrices: Float32s, steps: Float32s, rotations: Float32s, traces: Float32s) -> None:
+    """Write the polar factors U V^T of LANES matrices U S V^T, and their traces with the matrices, sums of S.
 
     By odd polynomials of the matrix over its Frobenius norm: X <- a X + X (b G + c G^2), G = X^T X, each of
     which brings the singular values nearer to 1. Smaller singular values than the steps are made for come out
@@ -57,112 +112,129 @@ def nearest_rotation(matrix: Float32s, steps: Float32s, rotation: Float32s, work
 
     Parameters
     ----------
-    matrix : float32, shape (k, w)
-        Padded with zeros to a multiple w of SIMD_WIDTH columns.
+    matrices : float32, shape (k, w, LANES)
+        Padded with zeros to a multiple w of four columns.
     steps : float32, shape (n, 3)
         `ROUGH` or `EXACT`.
-    rotation : float32, shape (k, w)
+    rotations : float32, shape (k, w, LANES)
         Written.
-    workspace : float32, shape (3, k, w)
+    traces : float32, shape (LANES,)
         Written.
     """
-    k, width = matrix.shape
-    # The Frobenius norm, in a sum for each column.
-    squares = np.zeros(width, dtype=np.float32)
-    for i in range(k):
-        for j in range(width):
-            squares[j] += matrix[i, j] * matrix[i, j]
-    size = np.float32(0.0)
+    k, width, _ = matrices.shape
+    down = width * LANES
+    # The Frobenius norms, in a sum for each column.
+    sizes = repeat(np.float32(0.0), LANES)
     for j in range(k):
-        size += squares[j]
-    scale = np.float32(1.0 / math.sqrt(size)) if size > 0.0 else np.float32(0.0)
+        squares = repeat(np.float32(0.0), LANES)
+        for i in range(k):
+            entries = load(matrices, i * down + j * LANES, LANES)
+            squares = squares + entries * entries
+        sizes = sizes + squares
+    store(sizes, traces, 0)
+    for number in range(LANES):
+        size = traces[number]
+        traces[number] = np.float32(1.0 / math.sqrt(size)) if size > 0.0 else np.float32(0.0)
+    scales = load(traces, 0, LANES)
     # X, of singular values at most 1, in two arrays by turns.
-    current = rotation
-    following = workspace[0]
-    gram = workspace[1]
-    factor = workspace[2]
-    for i in range(k):
-        for j in range(width):
-            current[i, j] = matrix[i, j] * scale
-    for step in range(len(steps)):
-        a, b, c = steps[step]
-        # G = X^T X; as the next products, a vector of each row at a time.
-        for i in range(k):
-            for place in range(i * width, i * width + width, SIMD_WIDTH):
-                column = place - i * width
-                product_row(gram, place, 0.0, current, 1.0, current, i, width, k, current, column, width)
-        # The polynomial of G, without its constant.
-        for i in range(k):
-            for place in range(i * width, i * width + width, SIMD_WIDTH):
-                column = place - i * width
-                product_row(factor, place, b, gram, c, gram, i * width, 1, k, gram, column, width)
-        # The next X: a X + X (b G + c G^2).
-        for i in range(k):
-            for place in range(i * width, i * width + width, SIMD_WIDTH):
-                column = place - i * width
-                product_row(
-                    following, place, a, current, 1.0, current, i * width, 1, k, factor, column, width
-                )
+    current = np.empty((k, width, LANES), dtype=np.float32)
+    following = rotations
+    gram = np.zeros((k, width, LANES), dtype=np.float32)
+    factor = np.zeros((k, width, LANES), dtype=np.float32)
+    if len(steps) % 2 == 0:
         current, following = following, current
-    # After an odd number of steps X is in the other array.
-    if len(steps) % 2:
-        for i in range(k):
-            for j in range(width):
-                rotation[i, j] = current[i, j]
-    # The trace with the matrix, in a sum for each column.
-    for j in range(width):
-        squares[j] = 0.0
-    for i in range(k):
-        for j in range(width):
-            squares[j] += rotation[i, j] * matrix[i, j]
-    trace = np.float32(0.0)
+    for place in range(0, k * down, LANES):
+        store(load(matrices, place, LANES) * scales, current, place)
+    for step in range(len(steps)):
+        # G, and the polynomial of G without its constant: b G + c G^2.
+        _gram(current, gram)
+        _gram(gram, factor)
+        linear, square = entry(steps, 3 * step + 1, LANES), entry(steps, 3 * step + 2, LANES)
+        for place in range(0, k * down, LANES):
+            addend = load(gram, place, LANES) * linear
+            store(fused(load(factor, place, LANES), square, addend), factor, place)
+        # The next X: a X + X (b G + c G^2).
+        constant = entry(steps, 3 * step, LANES)
+        for i in range(0, k, 2):
+            upper, lower = i * down, min(i + 1, k - 1) * down
+            for j in range(0, down, 4 * LANES):
+                a, b, c, d, e, f, g, h = _lane_tile(current, upper, lower, LANES, factor, j, down, k)
+                place = lower + j
+                store(e + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(f + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(g + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(h + load(current, place, LANES) * constant, following, place)
+                place = upper + j
+                store(a + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(b + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(c + load(current, place, LANES) * constant, following, place)
+                place += LANES
+                store(d + load(current, place, LANES) * constant, following, place)
+        current, following = following, current
+    # The traces with the matrices, in a sum for each column.
+    total = repeat(np.float32(0.0), LANES)
     for j in range(k):
-        trace += squares[j]
-    return float(trace)
+        column = repeat(np.float32(0.0), LANES)
+        for i in range(k):
+            place = i * down + j * LANES
+            column = column + load(rotations, place, LANES) * load(matrices, place, LANES)
+        total = total + column
+    store(total, traces, 0)
 
 
 @kernel
-def fit_rotation(
-    covariance: Float32s, first: Float32s, second: Float32s, steps: Float32s, rotation: Float32s
-) -> float:
-    """Write the orthogonal map, one for each block of columns, and return the correlation after it.
+def fit_rotations(
+    covariances: Float32s,
+    first: Float32s,
+    second: Float32s,
+    steps: Float32s,
+    rotations: Float32s,
+    scores: Floats,
+) -> None:
+    """Write r orthogonal maps, one for each of b spectral domains, and the correlations after them.
+
+    A correlation is the mean over the domains of the trace over the root of the product of the square sums; a
+    domain where either is one point counts 0.
 
     Parameters
     ----------
-    covariance : float32, shape (b k, b k)
-        Cross-covariance of paired points, in b spectral domains of k dimensions side by side.
-    first, second : float32, shape (b,)
+    covariances : float32, shape (r, b, k, k)
+        Cross-covariances of paired points.
+    first, second : float32, shape (r, b)
         Their centred square sums, over each domain.
     steps : float32, shape (n, 3)
-        See `nearest_rotation`.
-    rotation : float32, shape (b k, b k)
-        Written where blocks meet themselves: points of the first times it lie on those of the second.
-
-    Returns
-    -------
-    float
-        The mean over the domains of the trace over the root of the product of the square sums; a domain where
-        either is one point counts 0.
+        See `nearest_rotations`.
+    rotations : float32, shape (r, b k, b k)
+        Written where domains meet themselves: points of the first times it lie on those of the second.
+    scores : float64, shape (r,)
+        Written.
     """
-    blocks = len(first)
-    k = covariance.shape[0] // blocks
-    width = (k + SIMD_WIDTH - 1) // SIMD_WIDTH * SIMD_WIDTH
-    padded = np.zeros((k, width), dtype=np.float32)
-    factor = np.empty((k, width), dtype=np.float32)
-    workspace = np.zeros((3, k, width), dtype=np.float32)
-    score = 0.0
-    for block in range(blocks):
-        # The block's covariance, padded to whole vectors, and its polar factor.
-        low = block * k
-        for i in range(k):
-            for j in range(k):
-                padded[i, j] = covariance[low + i, low + j]
-        trace = nearest_rotation(padded, steps, factor, workspace)
-        for i in range(k):
-            for j in range(k):
-                rotation[low + i, low + j] = factor[i, j]
-        # The correlation after the map.
-        size = math.sqrt(max(0.0, first[block] * second[block]))
-        if size > 0.0:
-            score += min(1.0, trace / size) / blocks
-    return score
+    count, domains, k, _ = covariances.shape
+    width = (k + 3) // 4 * 4
+    matrices = np.zeros((k, width, LANES), dtype=np.float32)
+    factors = np.empty((k, width, LANES), dtype=np.float32)
+    traces = np.empty(LANES, dtype=np.float32)
+    scores[:] = 0.0
+    for start in range(0, count * domains, LANES):
+        used = min(LANES, count * domains - start)
+        for number in range(used):
+            which, domain = divmod(start + number, domains)
+            for i in range(k):
+                for j in range(k):
+                    matrices[i, j, number] = covariances[which, domain, i, j]
+        nearest_rotations(matrices, steps, factors, traces)
+        for number in range(used):
+            which, domain = divmod(start + number, domains)
+            low = domain * k
+            for i in range(k):
+                for j in range(k):
+                    rotations[which, low + i, low + j] = factors[i, j, number]
+            # The correlation after the map.
+            size = math.sqrt(max(0.0, first[which, domain] * second[which, domain]))
+            if size > 0.0:
+                scores[which] += min(1.0, float(traces[number]) / size) / domains

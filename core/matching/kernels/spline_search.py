@@ -9,11 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from core.arrays import Float32s, Int16s, Int32s
-from core.matching.kernels.match_record import MatchRecord, dequantised
-from core.matching.kernels.nearest_neighbours import cross_covariance, gather, nearest_columns, number_bits
-from core.matching.kernels.procrustes import ROUGH, fit_rotation
-from core.matching.kernels.simd import product
+from core.arrays import Float32s, Floats, Int32s
+from core.matching.kernels.match_record import MatchRecord
+from core.matching.kernels.nearest_neighbours import (
+    cross_covariance,
+    gather,
+    nearest_columns,
+    number_bits,
+    padded_rows,
+)
+from core.matching.kernels.procrustes import ROUGH, fit_rotations
+from core.matching.kernels.simd import product, whole_vectors
 from core.numerics.compilation import kernel
 
 
@@ -81,7 +87,7 @@ def signless_correlation(points: Float32s, targets: Float32s, matches: Int32s, k
 def spline_search(
     points: Float32s,
     targets: Float32s,
-    operators: Int16s,
+    operators: Float32s,
     first: int,
     starts: int,
     start_rounds: int,
@@ -96,8 +102,8 @@ def spline_search(
     points : float32, shape (k, s)
         By columns: row c holds coordinate c of all points.
     targets : float32, shape (k, n)
-    operators : int16, shape (k - first + 1, s, s)
-        Symmetric: `core.matching.thin_plate_spline.spline_operators` of the points, over `match_record.ONE`.
+    operators : float32, shape (k - first + 1, s, w)
+        `core.matching.thin_plate_spline.spline_operators` of the points, with rows of whole vectors.
     first : int
         Dimensions of the first stage.
     starts : int
@@ -109,53 +115,81 @@ def spline_search(
     matches : int32, shape (s,)
     """
     k_all, s = points.shape
-    # The first coordinates with all signs side by side, and the target nearest to each.
-    several = starts * s
-    stacked = np.empty((first, several), dtype=np.float32)
+    width = whole_vectors(s)
+    # The first coordinates with all signs side by side, padded, and the target nearest to each.
+    several = starts * width
+    stacked = np.zeros((first, several), dtype=np.float32)
     nearest = np.empty(several, dtype=np.int32)
     for c in range(first):
         for start in range(starts):
             sign = np.float32(-1.0) if (start >> c) & 1 else np.float32(1.0)
             for i in range(s):
-                stacked[c, start * s + i] = sign * points[c, i]
+                stacked[c, start * width + i] = sign * points[c, i]
     nearest_columns(stacked, targets, first, limit, nearest)
-    # Rounds of the spline in the first dimensions, for all starts in one product.
-    matched = np.empty((max(first * starts, k_all), s), dtype=np.float32)
-    warped = np.empty((len(matched), s), dtype=np.float32)
-    # Rounds of all starts: the spline to the targets found, and the targets nearest to its values.
+    # Rounds of all starts: the spline to the targets found, in one product, and the targets nearest to it.
+    matched = np.empty((max(first * starts, k_all), width), dtype=np.float32)
+    warped = np.empty((len(matched), width), dtype=np.float32)
     for _ in range(start_rounds):
         for c in range(first):
             for start in range(starts):
-                for i in range(s):
-                    matched[c * starts + start, i] = targets[c, nearest[start * s + i]]
-        product(matched[: first * starts], dequantised(operators[0]), warped[: first * starts])
+                for i in range(width):
+                    matched[c * starts + start, i] = targets[c, nearest[start * width + i]]
+        product(matched[: first * starts], operators[0], warped[: first * starts])
         nearest_columns(warped[: first * starts].reshape(first, several), targets, first, limit, nearest)
     # The start of the best correlation.
     best = 0
     score = -2.0
     for start in range(starts):
-        correlation = signless_correlation(points, targets, nearest[start * s : start * s + s], first)
+        correlation = signless_correlation(points, targets, nearest[start * width : start * width + s], first)
         if correlation > score:
             score = correlation
             best = start
-    for i in range(s):
-        matches[i] = nearest[best * s + i]
+    found = nearest[best * width : best * width + width].copy()
     # The best start in one more dimension at a time.
     for k in range(first + 1, k_all + 1):
-        operator = dequantised(operators[k - first])
         for _ in range(step_rounds):
             for c in range(k):
-                for i in range(s):
-                    matched[c, i] = targets[c, matches[i]]
-            product(matched[:k], operator, warped[:k])
-            nearest_columns(warped[:k], targets, k, limit, matches)
+                for i in range(width):
+                    matched[c, i] = targets[c, found[i]]
+            product(matched[:k], operators[k - first], warped[:k])
+            nearest_columns(warped[:k], targets, k, limit, found)
+    for i in range(s):
+        matches[i] = found[i]
 
 
 @kernel
 def search_maps(
-    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotations: Float32s, scores: Float32s
+    x: MatchRecord, y: MatchRecord, rounds: SearchRounds, rotations: Float32s, scores: Floats
 ) -> None:
     """Write orthogonal maps to begin from: one for each search, in each domain and from each side.
+
+    Parameters
+    ----------
+    x, y : MatchRecord
+    rounds : SearchRounds
+    rotations : float32, shape (sides b, b k, b k)
+        Zeros; written where domains meet themselves.
+    scores : float64, shape (sides b,)
+        Written: their correlations.
+    """
+    domains = x.searched.shape[0]
+    count, k = rounds.sides * domains, x.points.shape[1] // domains
+    covariances = np.empty((count, domains, k, k), dtype=np.float32)
+    first, second = np.empty((count, domains), dtype=np.float32), np.empty((count, domains), dtype=np.float32)
+    search_pairs(x, y, rounds, covariances, first, second)
+    fit_rotations(covariances, first, second, ROUGH, rotations, scores)
+
+
+@kernel
+def search_pairs(
+    x: MatchRecord,
+    y: MatchRecord,
+    rounds: SearchRounds,
+    covariances: Float32s,
+    first: Float32s,
+    second: Float32s,
+) -> None:
+    """Search pairs in each domain and from each side, and write the sums that `fit_rotations` reads.
 
     The pairs found in one domain determine the map in all.
 
@@ -163,25 +197,22 @@ def search_maps(
     ----------
     x, y : MatchRecord
     rounds : SearchRounds
-    rotations : float32, shape (sides b, b k, b k)
-        Zeros; written where blocks meet themselves.
-    scores : float32, shape (sides b,)
-        Written: their correlations.
+    covariances : float32, shape (sides b, b, k, k)
+        Written.
+    first, second : float32, shape (sides b, b)
+        Written.
     """
-    blocks = x.searched.shape[0]
-    columns = x.points.shape[1]
-    covariance = np.empty((columns, columns), dtype=np.float32)
-    first = np.empty(blocks, dtype=np.float32)
-    second = np.empty(blocks, dtype=np.float32)
-    none = np.empty((0, columns), dtype=np.float32)
-    for search in range(rounds.sides * blocks):
+    domains, _, samples_of_x = x.searched.shape
+    rows_of_x = padded_rows(x.points, samples_of_x, domains)
+    rows_of_y = padded_rows(y.points, y.searched.shape[2], domains)
+    none = np.empty((0, rows_of_x.shape[1]), dtype=np.float32)
+    for search in range(rounds.sides * domains):
         # Pairs by the spline search in one domain, from one of the two shapes.
         domain = search // rounds.sides
         from_x = search % rounds.sides == 0
         source = x if from_x else y
         target = y if from_x else x
-        s = source.searched.shape[2]
-        matches = np.empty(s, dtype=np.int32)
+        matches = np.empty(source.searched.shape[2], dtype=np.int32)
         spline_search(
             source.searched[domain],
             target.searched[domain],
@@ -193,12 +224,8 @@ def search_maps(
             number_bits(target.searched.shape[2]),
             matches,
         )
-        # The map of all domains that fits these pairs, from x to y.
-        partners = np.empty((s, columns), dtype=np.float32)
-        gather(target.points, matches, partners)
-        points = source.points[:s]
-        if from_x:
-            cross_covariance(points, partners, none, none, covariance, first, second)
-        else:
-            cross_covariance(partners, points, none, none, covariance, first, second)
-        scores[search] = fit_rotation(covariance, first, second, ROUGH, rotations[search])
+        # The covariance of these pairs in all domains, from x to y.
+        partners = np.empty((len(matches), rows_of_x.shape[1]), dtype=np.float32)
+        gather(rows_of_y if from_x else rows_of_x, matches, partners)
+        points, partners = (rows_of_x, partners) if from_x else (partners, rows_of_y)
+        cross_covariance(points, partners, none, none, covariances[search], first[search], second[search])

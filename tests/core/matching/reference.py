@@ -6,10 +6,11 @@ The two may differ if rounding decides between two neighbours, or if a map is no
 import numpy as np
 from numpy.typing import NDArray
 
-from core.arrays import Float32s, Floats, Int8s, Ints, Reals
+from core.arrays import Float32s, Floats, Ints, Reals
 from core.embedding import Embedding
 from core.matching.kernels.match_record import HEAD, ONE, ROOT, MatchRecord
 from core.matching.kernels.procrustes import EXACT, ROUGH
+from core.matching.kernels.simd import SIMD_WIDTH
 from core.matching.kernels.spline_search import SearchRounds
 from core.matching.quantised_points import encoded_points
 from core.matching.similarity import correlation, squared_difference
@@ -93,7 +94,7 @@ def search_maps_reference(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) 
             matches = spline_search(
                 one.searched[domain].T.astype(np.float64),
                 other.searched[domain].T.astype(np.float64),
-                one.operators[domain] / ONE,
+                one.operators[domain][:, :, : one.searched.shape[2]].astype(np.float64),
                 starts=rounds.starts,
                 kept_starts=1,
                 start_iterations=rounds.start_iterations,
@@ -138,11 +139,9 @@ def best_map_reference(x: MatchRecord, y: MatchRecord, rounds: SearchRounds) -> 
     return max(((score, rotation) for score, rotation, _, _ in tries), key=lambda end: end[0])
 
 
-def moved(warp: Int8s, points: Floats) -> Floats:
-    """How far a softer spline moves points (m, k), from the cube roots of its entries below the diagonal."""
-    spline = np.zeros((len(points), len(points)))
-    spline[np.tril_indices(len(points), -1)] = (warp / ROOT) ** 3
-    spline += spline.T
+def moved(warp: Float32s, points: Floats) -> Floats:
+    """How far a softer spline moves points (m, k), from its entries below the diagonal."""
+    spline = (warp + warp.T).astype(np.float64)
     np.fill_diagonal(spline, 1.0 - spline.sum(axis=1))
     return np.asarray(np.linalg.norm(spline @ points - points, axis=1))
 
@@ -214,6 +213,12 @@ def _slid(points: Floats, shape: MatchRecord, regions: Ints, ends: Floats) -> li
     ]
 
 
+def padded(rows: Float32s) -> Float32s:
+    """Rows, shape (..., k), and zeros up to whole vectors, shape (..., w)."""
+    width = -(-rows.shape[-1] // SIMD_WIDTH) * SIMD_WIDTH
+    return np.concatenate([rows, np.zeros((*rows.shape[:-1], width - rows.shape[-1]), np.float32)], axis=-1)
+
+
 def match_record_reference(embedding: Embedding, key: bytes, parameters: Parameters) -> MatchRecord:
     """The arrays of a match record, before they are one array."""
     regions, wanted = embedding.regions.astype(np.int64), parameters.matching
@@ -224,15 +229,17 @@ def match_record_reference(embedding: Embedding, key: bytes, parameters: Paramet
     searched = [points[:rows, :columns] for points in samples]
     splines = [compiled_spline_operators(p, wanted.first_dimensions, wanted.stiffness) for p in searched]
     softer = [compiled_spline_operators(p, p.shape[1], wanted.warp_stiffness)[0] for p in samples]
-    roots = np.rint(np.cbrt([matrix[np.tri(m, k=-1) > 0.0] for matrix in softer]) * ROOT)
+    whole = np.rint(np.array(splines) * ONE).astype(np.float32)
+    roots = np.clip(np.rint(np.cbrt(np.tril(softer, -1)) * ROOT), 1 - ROOT, ROOT - 1).astype(np.float32)
+    roots *= np.float32(1.0 / ROOT)
     centred = [points - points.mean(axis=0) for points in samples]
     return MatchRecord(
         points=np.concatenate(clouds, axis=1).astype(np.float32),
         searched=np.array([points.T for points in searched], dtype=np.float32, order="C"),
-        operators=np.rint(np.array(splines) * ONE).astype(np.int16),
+        operators=padded(whole * np.float32(1.0 / ONE)),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
-        warp=np.clip(roots, 1 - ROOT, ROOT - 1).astype(np.int8),
+        warp=roots * roots * roots,
         radius=np.array([np.linalg.norm(points, axis=1).mean() for points in centred], dtype=np.float32),
         key=np.frombuffer(key, dtype=">u4").astype(np.uint32).view(np.int32),
     )
@@ -248,6 +255,7 @@ def encoded_reference(record: MatchRecord) -> Float32s:
     head = np.zeros(HEAD, dtype=np.int32)
     head[:7] = m, len(points), s, b, columns // b, j, record.operators.shape[1]
     head[7:11] = record.key
-    operators = record.operators[..., np.tri(s) > 0.0]
-    parts = head.tobytes(), record.radius.tobytes(), points, operators.tobytes(), record.warp.tobytes()
+    operators = np.rint(record.operators[..., :s][..., np.tri(s) > 0.0] * ONE).astype(np.int16)
+    warp = np.rint(np.cbrt(record.warp[..., np.tri(m, k=-1) > 0.0]) * ROOT).astype(np.int8)
+    parts = head.tobytes(), record.radius.tobytes(), points, operators.tobytes(), warp.tobytes()
     return np.frombuffer(b"".join(part + bytes(-len(part) % 4) for part in parts), dtype=np.float32)

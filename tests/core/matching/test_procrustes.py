@@ -8,6 +8,7 @@ import pytest
 
 from core.embedding import Spectrum
 from core.matching.kernels.match_record import ONE, ROOT
+from core.matching.kernels.simd import SIMD_WIDTH
 from core.matching.procrustes import one_to_one_pairs
 from core.matching.similarity import EFFECTIVE
 from core.matching.thin_plate_spline import spline_operators
@@ -26,10 +27,10 @@ K = DEFAULT.spectral.dimensions
 TYPES = {
     "points": np.float32,
     "searched": np.float32,
-    "operators": np.int16,
+    "operators": np.float32,
     "offsets": np.int32,
     "members": np.int32,
-    "warp": np.int8,
+    "warp": np.float32,
     "radius": np.float32,
     "key": np.int32,
 }
@@ -70,8 +71,9 @@ def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
     stages = columns - DEFAULT.matching.first_dimensions + 1
     assert found.points.shape == (d, blocks * K)
     assert found.searched.shape == (blocks, columns, rows)
-    assert found.operators.shape == (blocks, stages, rows, rows)
-    assert found.warp.shape == (blocks, m * (m - 1) // 2)
+    assert found.operators.shape == (blocks, stages, rows, -(-rows // SIMD_WIDTH) * SIMD_WIDTH)
+    assert not found.operators[..., rows:].any()
+    assert found.warp.shape == (blocks, m, m)
     for place, spectrum in enumerate(embedding.spectra):
         points = spectrum.coordinates
         assert np.array_equal(found.points[:, place * K : place * K + K], points)
@@ -80,10 +82,11 @@ def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
         searched = spline_operators(
             of_samples[:rows, :columns], DEFAULT.matching.first_dimensions, DEFAULT.matching.stiffness
         )
-        assert found.operators[place] / ONE == pytest.approx(searched, abs=0.51 / ONE)
+        assert found.operators[place][..., :rows] == pytest.approx(searched, abs=0.51 / ONE)
         softer = spline_operators(of_samples[:m], K, DEFAULT.matching.warp_stiffness)[0]
-        below = np.cbrt(softer[np.tril_indices(m, -1)])
-        assert found.warp[place] / ROOT == pytest.approx(below, abs=0.51 / ROOT)
+        below = np.tril_indices(m, -1)
+        roots = np.cbrt(found.warp[place][below])
+        assert roots == pytest.approx(np.cbrt(softer[below]), abs=0.51 / ROOT)
         assert softer.sum(axis=1) == pytest.approx(1.0)
         centred = of_samples[:m] - of_samples[:m].mean(axis=0)
         assert found.radius[place] == pytest.approx(np.linalg.norm(centred, axis=1).mean(), rel=1e-6)
@@ -96,7 +99,7 @@ def test_a_pack_holds_points_regions_and_splines(m, d, blocks):
 
 def test_splines_are_symmetric():
     """The search multiplies from the other side."""
-    operators = record_of(random_embedding(2, 40, 90)).operators
+    operators = record_of(random_embedding(2, 40, 90)).operators[..., : DEFAULT.matching.search_samples]
     assert np.array_equal(operators, np.swapaxes(operators, -1, -2))
 
 

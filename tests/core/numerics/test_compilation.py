@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import core
-from core.matching.kernels.procrustes import fit_rotation
+from core.matching.kernels.procrustes import fit_rotations
 
 PROBE = """
 import json
@@ -63,7 +63,7 @@ def test_a_change_of_any_source_of_the_package_changes_the_name(copied):
     found = names(copied, [(copied / "matching" / "kernels" / source, "# Changed.\n") for source in SOURCES])
     assert len(set(found)) == len(found) == len(SOURCES) + 1
     # Another interpreter, another folder: the same sources give the same name.
-    assert found[0] == fit_rotation.py_func.__qualname__.replace("fit_rotation", "probe")
+    assert found[0] == fit_rotations.py_func.__qualname__.replace("fit_rotations", "probe")
 
 
 def test_a_source_that_is_added_changes_it_and_another_file_does_not(copied):

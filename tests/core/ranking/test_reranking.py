@@ -6,14 +6,14 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 
-from core.matching.kernels.match_record import ONE, decoded
+from core.matching.kernels.match_record import decoded
 from core.matching.kernels.one_to_many import flat_splines
 from core.matching.match_records import match_record, score_match_records, search_rounds
 from core.parameters import DEFAULT, PAPER
 from core.pipeline import Pipeline
 from core.ranking.reranking import COARSE_SAMPLES, KEPT_SAMPLES, coarse_ranking, coarse_samples, rerank
 from tests.core.matching.clouds import cloud, embedded, random_embedding
-from tests.core.matching.reference import best_map_reference
+from tests.core.matching.reference import best_map_reference, padded
 from tests.gallery import make_shape
 
 FIRST, LAST = DEFAULT.matching.first_dimensions, DEFAULT.matching.search_dimensions
@@ -42,10 +42,10 @@ def samples(embeddings):
 
 
 def flat(searched):
-    """Flat splines of points by columns, (j, s), over one: shape (j - 2, s, s)."""
-    operators = np.empty((1, len(searched) - FIRST + 1, *(searched.shape[1],) * 2), dtype=np.int16)
+    """Flat splines of points by columns, (j, s): shape (j - 2, s, s)."""
+    operators = np.empty((1, len(searched) - FIRST + 1, *(searched.shape[1],) * 2), dtype=np.float32)
     flat_splines(np.ascontiguousarray(searched[None], dtype=np.float32), FIRST, operators)
-    return operators[0] / ONE
+    return operators[0]
 
 
 @pytest.mark.parametrize("samples", [4, 7, 12, 32])
@@ -88,7 +88,7 @@ def test_a_reranking_is_the_best_map_with_flat_splines(records, samples):
     for first, second in product(range(len(records)), repeat=2):
         other = other_record(decoded(records[second]), samples[second], KEPT_SAMPLES)
         splines = np.stack([flat(one) for one in other.searched])
-        other = other._replace(operators=np.rint(splines * ONE).astype(np.int16))
+        other = other._replace(operators=padded(splines))
         expected, _ = best_map_reference(decoded(records[first]), other, rounds)
         (found,) = rerank(records[first], samples[second : second + 1], DEFAULT)
         differences.append(abs(float(found) - expected))

@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from core.matching.kernels.nearest_neighbours import (
+    columns_of,
+    compact_rows,
     cross_covariance,
     cross_covariance_both_ways,
+    mapped,
     nearest_both_ways,
     nearest_columns,
     nearest_member,
+    padded_rows,
 )
 from tests.core.matching.clouds import cloud, columns
 from tests.core.matching.reference import (
@@ -16,14 +20,30 @@ from tests.core.matching.reference import (
     cross_covariance_reference,
     nearest_both_ways_reference,
     nearest_columns_reference,
+    padded,
 )
 
 
 def both(points, targets, low):
     there = np.empty(len(points), dtype=np.int32)
     back = np.empty(len(targets), dtype=np.int32)
-    nearest_both_ways(points, np.ascontiguousarray(targets.T), low, there, back)
+    nearest_both_ways(points, columns_of(targets, len(targets)), low, there, back)
     return there, back
+
+
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+@pytest.mark.parametrize("k", [1, 2, 10, 15, 16, 33])
+@pytest.mark.parametrize("m", [1, 4, 13])
+def test_points_of_each_domain_are_mapped(m, k, blocks):
+    rng = np.random.default_rng(m)
+    points = rng.normal(size=(m + 1, blocks * k)).astype(np.float32)
+    rotation = np.zeros((blocks * k, blocks * k), dtype=np.float32)
+    for low in range(0, blocks * k, k):
+        rotation[low : low + k, low : low + k] = rng.normal(size=(k, k))
+    rows = padded_rows(points, m, blocks)
+    assert np.array_equal(compact_rows(rows, blocks, k), points[:m])
+    found = compact_rows(mapped(rows, rotation, blocks), blocks, k)
+    assert found == pytest.approx(points[:m].astype(np.float64) @ rotation, abs=1e-5 * k)
 
 
 def squared(points, targets):
@@ -101,9 +121,11 @@ def test_the_first_of_equally_close_members_is_taken():
 
 
 def written(kernel, columns, blocks, *given):
-    """What a kernel writes after what it is given: cross-covariance and square sums of both sides."""
-    results = [np.full(shape, np.nan, dtype=np.float32) for shape in ((columns, columns), blocks, blocks)]
-    kernel(*given, *results)
+    """What a kernel writes after what it is given: covariances of the domains, square sums of both sides."""
+    k = columns // blocks
+    results = [np.full(shape, np.nan, dtype=np.float32) for shape in ((blocks, k, k), blocks, blocks)]
+    rows = [each if each.ndim == 1 else padded_rows(each, len(each), blocks) for each in given]
+    kernel(*rows, *results)
     return results
 
 
@@ -127,7 +149,9 @@ def test_cross_products_and_square_sums_are_the_plain_ones(k, m, n, blocks, scal
     ):
         before = [array.copy() for array in given]
         found = written(kernel, blocks * k, blocks, *given)
-        for one, other in zip(found, cross_covariance_reference(*expected, blocks), strict=True):
+        covariance, *squares = cross_covariance_reference(*expected, blocks)
+        own = [covariance[low : low + k, low : low + k] for low in range(0, blocks * k, k)]
+        for one, other in zip(found, (np.array(own), *squares), strict=True):
             assert one == pytest.approx(other, abs=5e-6 * scale**2 * (m + n) * k)
         for array, kept in zip(given, before, strict=True):
             assert np.array_equal(array, kept)
@@ -144,9 +168,10 @@ SCALES = [1e-12, 1.0, 1e12]
 
 
 def nearest_column(points, targets, k, low):
-    found = np.empty(points.shape[1], dtype=np.int32)
-    nearest_columns(points, targets, k, low, found)
-    return found
+    rows = padded(points)
+    found = np.empty(rows.shape[1], dtype=np.int32)
+    nearest_columns(rows, targets, k, low, found)
+    return found[: points.shape[1]]
 
 
 @pytest.mark.parametrize("scale", SCALES)

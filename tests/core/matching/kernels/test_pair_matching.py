@@ -4,8 +4,10 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from numba import njit
 
-from core.matching.kernels.pair_matching import fit_map, refine_map, score_pairs
+from core.matching.kernels.nearest_neighbours import padded_rows
+from core.matching.kernels.pair_matching import Pair, fit_maps, pair_of, refine_maps, score_pairs
 from core.matching.kernels.procrustes import EXACT
 from core.matching.match_records import search_rounds
 from core.parameters import DEFAULT
@@ -36,15 +38,20 @@ def shapes():
     ]
 
 
+@njit
+def fitted(x, y, rounds, rotations, scores):
+    pairs = [pair_of(x, y)]
+    fit_maps(pairs, rounds, rotations, scores)
+    return pairs[0]
+
+
 def match(x, y, rounds=ROUNDS):
     """Pairs both ways, map and scores, from the kernels of the steps."""
-    m, n, columns = len(x.offsets) - 1, len(y.offsets) - 1, x.points.shape[1]
-    there, back = np.full(m, -1, dtype=np.int32), np.full(n, -1, dtype=np.int32)
-    partners, sources = (np.empty((count, columns), dtype=np.float32) for count in (m, n))
-    rotation, scores = np.zeros((columns, columns), dtype=np.float32), np.full(3, np.nan)
-    fit_map(x, y, rounds, there, back, partners, sources, rotation)
-    score_pairs(x, y, there, back, partners, sources, rotation, rounds.effective, scores)
-    return there, back, rotation, scores
+    columns = x.points.shape[1]
+    rotations, scores = np.zeros((1, columns, columns), dtype=np.float32), np.full(3, np.nan)
+    pair = Pair(*fitted(x, y, rounds, rotations, scores[:1]))
+    score_pairs(pair, rotations[0], rounds.effective, scores)
+    return pair.forward, pair.backward, rotations[0], scores
 
 
 def alike(found, expected):
@@ -150,13 +157,25 @@ def test_a_map_is_refined_as_the_plain_one_is(k, m, n, blocks, count):
         x.astype(np.float64), y.astype(np.float64), blocks, count, EXACT, rotation.astype(np.float64)
     )
     there, back = np.empty(m, dtype=np.int32), np.empty(n, dtype=np.int32)
-    targets = np.ascontiguousarray(y.T)
+    found = np.empty(1)
     for _ in range(count):
-        found = refine_map(x, y, targets, blocks, EXACT, rotation, there, back)
+        refine_maps(x, y, blocks, EXACT, rotation[None], found, there, back)
     assert np.array_equal(there, plain_there)
     assert np.array_equal(back, plain_back)
-    assert found == pytest.approx(score, abs=1e-5)
+    assert found[0] == pytest.approx(score, abs=1e-5)
     assert rotation == pytest.approx(plain, abs=2e-3)
+
+
+def paired(x, y, there, back):
+    """A pair of shapes whose partners are samples."""
+    pair, blocks = Pair(*pair_of(x, y)), len(x.radius)
+    partners, sources = y.points[there], x.points[back]
+    return pair._replace(
+        forward=there.astype(np.int32),
+        backward=back.astype(np.int32),
+        partners=padded_rows(partners, len(partners), blocks),
+        sources=padded_rows(sources, len(sources), blocks),
+    )
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])
@@ -167,20 +186,11 @@ def test_scores_are_those_of_the_definitions(k, m, n, blocks):
     rng = np.random.default_rng(m + n)
     there, back = rng.integers(n, size=m), rng.integers(m, size=n)
     partners, sources = y.points[there], x.points[back]
+    pair = paired(x, y, there, back)
     rotation = rotation_of(90 + k, k, blocks)
     for effective in (0.05, 0.5):
         scores = np.empty(3)
-        score_pairs(
-            x,
-            y,
-            there.astype(np.int32),
-            back.astype(np.int32),
-            partners,
-            sources,
-            rotation,
-            effective,
-            scores,
-        )
+        score_pairs(pair, rotation, effective, scores)
         expected = score_pairs_reference(x, y, there, back, partners, sources, rotation, effective)
         assert scores == pytest.approx(expected, abs=1e-6)
 
@@ -190,7 +200,7 @@ def test_pairs_all_with_one_point_have_no_correlation_and_one_effective_partner(
     there, back = np.zeros(40, dtype=np.int32), np.zeros(30, dtype=np.int32)
     partners, sources = y.points[there], x.points[back]
     scores = np.empty(3)
-    score_pairs(x, y, there, back, partners, sources, np.eye(4, dtype=np.float32), 0.05, scores)
+    score_pairs(paired(x, y, there, back), np.eye(4, dtype=np.float32), 0.05, scores)
     expected = score_pairs_reference(x, y, there, back, partners, sources, np.eye(4), 0.05)
     assert scores == pytest.approx(expected, abs=1e-6)
     assert scores[2] == pytest.approx(1 / 30)

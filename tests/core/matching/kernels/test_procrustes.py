@@ -5,8 +5,7 @@ import pytest
 from scipy.linalg import svdvals
 from scipy.optimize import linprog
 
-from core.matching.kernels.procrustes import EXACT, ROUGH, fit_rotation, nearest_rotation
-from core.matching.kernels.simd import SIMD_WIDTH
+from core.matching.kernels.procrustes import EXACT, LANES, ROUGH, fit_rotations, nearest_rotations
 from tests.core.matching.clouds import cloud
 from tests.core.matching.reference import (
     cross_covariance_reference,
@@ -16,17 +15,20 @@ from tests.core.matching.reference import (
 
 
 def factor(matrix, steps=EXACT):
-    """Trace and polar factor, float64, of a matrix rounded to float32."""
+    """Trace and polar factor, float64, of a matrix rounded to float32, which is one of a few side by side."""
     k = len(matrix)
-    width = -(-k // SIMD_WIDTH) * SIMD_WIDTH
-    padded = np.zeros((k, width), dtype=np.float32)
-    padded[:, :k] = matrix
-    before = padded.copy()
-    found = np.full((k, width), np.nan, dtype=np.float32)
-    trace = nearest_rotation(padded, steps, found, np.full((3, k, width), np.nan, dtype=np.float32))
-    assert np.array_equal(padded, before)
+    matrices = np.zeros((k, -(-k // 4) * 4, LANES), dtype=np.float32)
+    matrices[:, :k, 3] = matrix
+    matrices[:, :k, 5] = 2.0 * np.eye(k)
+    before = matrices.copy()
+    found, traces = np.full(matrices.shape, np.nan, dtype=np.float32), np.empty(LANES, dtype=np.float32)
+    nearest_rotations(matrices, steps, found, traces)
+    assert np.array_equal(matrices, before)
     assert not found[:, k:].any()
-    return trace, found[:, :k].astype(np.float64)
+    assert not found[..., [0, 1, 2, 4, 6, 7]].any()
+    assert found[:, :k, 5] == pytest.approx(np.eye(k), abs=4e-4)
+    assert traces[[0, 5, 7]] == pytest.approx([0.0, 2.0 * k, 0.0], rel=4e-4)
+    return float(traces[3]), found[:, :k, 3].astype(np.float64)
 
 
 def of_singular_values(seed, values):
@@ -117,14 +119,19 @@ def test_undetermined_directions_hardly_depend_on_rounding():
 
 
 def rotated(points, targets, blocks):
-    """`fit_rotation` of the pairs' cross-products."""
+    """`fit_rotations` of the pairs' cross-products: the last of as many maps as fill lanes twice."""
     nothing = np.empty((0, points.shape[1]))
-    cross, first, second = (
-        array.astype(np.float32)
-        for array in cross_covariance_reference(points, targets, nothing, nothing, blocks)
+    cross, first, second = cross_covariance_reference(points, targets, nothing, nothing, blocks)
+    k = len(cross) // blocks
+    own = np.array([cross[low : low + k, low : low + k] for low in range(0, len(cross), k)])
+    covariances, *squares = (
+        np.stack([0.0 * array] * 8 + [array]).astype(np.float32) for array in (own, first, second)
     )
-    rotation = np.zeros(cross.shape, dtype=np.float32)
-    return fit_rotation(cross, first, second, EXACT, rotation), rotation
+    rotations, scores = np.zeros((9, *cross.shape), dtype=np.float32), np.full(9, np.nan)
+    fit_rotations(covariances, *squares, EXACT, rotations, scores)
+    assert not rotations[:8].any()
+    assert not scores[:8].any()
+    return scores[8], rotations[8]
 
 
 @pytest.mark.parametrize("blocks", [1, 2, 3])

@@ -9,7 +9,7 @@ from core.matching.match_records import search_rounds
 from core.matching.thin_plate_spline import spline_operators
 from core.matching.tps_matcher import spline_search as plain_search
 from tests.core.matching.clouds import columns, parameters_for, random_record
-from tests.core.matching.reference import search_maps_reference, signless_correlation_reference
+from tests.core.matching.reference import padded, search_maps_reference, signless_correlation_reference
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -30,9 +30,9 @@ def test_points_all_matched_to_one_do_not_correlate():
 
 
 def whole(points, first):
-    """Splines of points by columns, in whole numbers."""
+    """Splines of points by columns, rounded to whole numbers, in rows of whole vectors."""
     splines = spline_operators(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
-    return np.rint(splines * ONE).astype(np.int16)
+    return padded((np.rint(splines * ONE) / ONE).astype(np.float32))
 
 
 @pytest.mark.parametrize(("starts", "first"), [(8, 3), (1, 3), (4, 2), (1, 2)])
@@ -46,7 +46,7 @@ def test_the_search_is_the_plain_one(m, n, starts, first):
         expected = plain_search(
             points.T.astype(np.float64),
             targets.T.astype(np.float64),
-            operators / ONE,
+            operators[..., :m].astype(np.float64),
             starts=starts,
             kept_starts=1,
             start_iterations=2,
@@ -58,7 +58,7 @@ def test_the_search_is_the_plain_one(m, n, starts, first):
 def searched(x, y, rounds):
     columns = x.points.shape[1]
     rotations = np.zeros((rounds.sides * len(x.radius), columns, columns), dtype=np.float32)
-    scores = np.zeros(len(rotations), dtype=np.float32)
+    scores = np.zeros(len(rotations))
     search_maps(x, y, rounds, rotations, scores)
     return scores, rotations
 
