@@ -80,8 +80,8 @@ def differences_of(
     densities = typical_densities(len(others)) if densities is None else densities
     signatures = np.stack([other.signature for other in others])
     distances = descriptor_distances(query, others)
-    posed = query_density.posed.distances(densities.posed)
-    distances["eigenvalues"] = np.minimum(distances["eigenvalues"], posed)
+    of_kind = query_density.kinds.distances(densities.kinds)
+    distances["eigenvalues"] = np.minimum(distances["eigenvalues"], of_kind)
     between = descriptor_distance(
         query.arrays["spin_images"],
         [other.arrays["spin_images"] for other in others],

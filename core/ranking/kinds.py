@@ -37,8 +37,8 @@ LEAST_POSES = 5
 """A kind with fewer shapes that have such neighbours has no metric."""
 
 MESH_NOISE, MESHES = 0.004, 200
-"""Standard deviation that another mesh gives the logarithm of eigenvalue 10, with the root of its number, and
-the number of neighbours whose differences count as much as this prior."""
+"""Standard deviation of the logarithm of eigenvalue 10 between meshes of one surface, which grows with the
+root of the eigenvalue's number; and how many neighbours' differences count as much as this prior."""
 
 SCALE = 0.01
 """Factor by which poses have the distance of eigenvalues that they have without a kind."""
@@ -116,8 +116,10 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
     known = ~np.isnan(logarithms).any(axis=1)
     logarithms, views = logarithms[known], views[known]
     coordinates = eigenvalue_coordinates(logarithms)
+    # Kinds: shapes that chains of small steps join.
     distances = cdist(coordinates, coordinates, "cityblock")
     _, labels = connected_components(distances < SAME_KIND)
+    # Poses: the nearest neighbours of each shape that are no copies, and look different.
     distances[distances < COPY] = np.inf
     neighbours = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
     near = np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY
@@ -125,6 +127,7 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
         near[shape] &= view_distance(views[shape], views[neighbours[shape]]) > BENT
     shapes, ranks = np.nonzero(near)
     steps = logarithms[neighbours[shapes, ranks]] - logarithms[shapes]
+    # A metric for each kind with enough of them.
     posed = np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES)
     factors = [_factor(steps[labels[shapes] == label]) for label in posed]
     members: NDArray[np.bool_] = np.isin(labels, posed)
@@ -140,5 +143,6 @@ def _factor(steps: Floats) -> Floats:
 
     The prior is the noise of meshes: independent errors, and a trend of any size.
     """
+    # A step is the difference of two poses, and has twice their covariance.
     prior = np.diag(MESH_NOISE**2 / 10.0 * np.arange(1, SPECTRUM + 1)) + np.outer(TREND, TREND)
     return np.linalg.cholesky((0.5 * steps.T @ steps + MESHES * prior) / (len(steps) + MESHES))

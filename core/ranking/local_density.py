@@ -44,16 +44,16 @@ ENOUGH = 100
 
 @dataclass(frozen=True, eq=False)
 class LocalDensities:
-    """Distances of shapes to their seventh neighbours among the stored shapes.
+    """The surroundings of shapes among the stored shapes.
 
-    `spectral`, `view` and `network`, float64 of shape (c,), > 0, are those by eigenvalues, by views, and by
-    views that a network sees. `posed` are the shapes among their kinds.
+    `spectral`, `view` and `network`, float64 of shape (c,), > 0, are distances to the seventh neighbours by
+    eigenvalues, by views, and by views that a network sees. `kinds` has the kind of each shape.
     """
 
     spectral: Floats
     view: Floats
     network: Floats
-    posed: KindCoordinates
+    kinds: KindCoordinates
 
 
 def typical_densities(count: int) -> LocalDensities:

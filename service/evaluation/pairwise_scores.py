@@ -134,9 +134,9 @@ def _kind_distances(embeddings: Sequence[Embedding]) -> Floats:
     shapes = [descriptors_of(embedding) for embedding in embeddings]
     logarithms, views = all_log_eigenvalues(shapes), all_views(shapes)
     sample = sampled(np.arange(1, len(shapes) + 1))
-    posed = kinds_in(logarithms[sample], views[sample]).of(logarithms)
-    each = [KindCoordinates(posed.kinds[[i]], posed.coordinates[[i]]) for i in range(len(embeddings))]
-    return np.array([one.distances(posed) for one in each])
+    all_kinds = kinds_in(logarithms[sample], views[sample]).of(logarithms)
+    each = [KindCoordinates(all_kinds.kinds[[i]], all_kinds.coordinates[[i]]) for i in range(len(embeddings))]
+    return np.array([one.distances(all_kinds) for one in each])
 
 
 @contextmanager

@@ -14,8 +14,9 @@ from cachetools import LRUCache
 
 from core.arrays import Float32s, Ints
 from core.descriptors.registry import ShapeDescriptors
-from core.ranking.kinds import KindCoordinates
+from core.ranking.kinds import NO_KIND, KindCoordinates
 from core.ranking.local_density import DensitySample, LocalDensities, densities_in
+from core.spectral.spectral_embedding import SPECTRUM
 
 Value = TypeVar("Value")
 
@@ -97,8 +98,13 @@ class EmbeddingCache(Generic[Value]):
 SAMPLE = 512
 """Number of shapes in a sample; smaller collections are sampled whole."""
 
-COLLECTIONS, DENSITIES = 32, 50_000
-"""Numbers of collections whose samples a pipeline keeps, of 9 to 18 MB each, and of densities in each."""
+COLLECTIONS, DENSITIES = 32, 20_000_000
+"""Number of collections whose samples a pipeline keeps, of 9 to 18 MB each, and bytes of densities in one."""
+
+ROW = 400
+"""Bytes of the densities of a shape beside its coordinates in a kind."""
+
+_NO_COORDINATES = np.zeros(SPECTRUM, dtype=np.float32)
 
 PRIME, FIRST, SECOND = 2**31 - 1, 1_103_515_245, 654_435_761
 """Keys of the hash of shape numbers. Products of two numbers below the prime fit 64 bits, in SQL too."""
@@ -121,6 +127,10 @@ def sampled(shapes: Ints) -> Ints:
     return np.asarray(np.sort(least[order]))
 
 
+_Row = tuple[list[float], Float32s]
+"""The three densities of a shape and the number of its kind, and its coordinates there."""
+
+
 class CollectionSample:
     """The sample of a collection, with the densities that were measured in it.
 
@@ -132,8 +142,8 @@ class CollectionSample:
         self.embeddings = embeddings
         self._sample = sample
         # Each is a function of the embedding and the sample alone.
-        self._densities: EmbeddingCache[tuple[float, float, float, int, Float32s]] = EmbeddingCache(
-            DENSITIES, lambda _: 1
+        self._densities: EmbeddingCache[_Row] = EmbeddingCache(
+            DENSITIES, lambda row: ROW if row[1] is _NO_COORDINATES else ROW + row[1].nbytes
         )
 
     def of_query(self, query: ShapeDescriptors) -> LocalDensities:
@@ -146,11 +156,13 @@ class CollectionSample:
         new = {number: shape for number, shape in zip(embeddings, shapes, strict=True) if number not in known}
         if new:
             measured = densities_in(self._sample, list(new.values()))
-            columns = (measured.spectral, measured.view, measured.network, measured.posed.kinds)
-            rows = zip(*(column.tolist() for column in columns), measured.posed.coordinates, strict=True)
-            for number, row in zip(new, rows, strict=True):
-                known[number] = row
-                self._densities.put(number, row)
-        table = zip(*(known[number] for number in embeddings), strict=True)
-        spectral, view, network, kinds, coordinates = map(np.array, table)
-        return LocalDensities(spectral, view, network, KindCoordinates(kinds, coordinates))
+            columns = measured.spectral, measured.view, measured.network, measured.kinds.kinds
+            for index, number in enumerate(new):
+                has_kind = measured.kinds.kinds[index] != NO_KIND
+                coordinates = measured.kinds.coordinates[index].copy() if has_kind else _NO_COORDINATES
+                known[number] = [float(column[index]) for column in columns], coordinates
+                self._densities.put(number, known[number])
+        rows = [known[number] for number in embeddings]
+        spectral, view, network, kinds = np.array([row[0] for row in rows]).reshape(-1, 4).T
+        coordinates = np.array([row[1] for row in rows], dtype=np.float32).reshape(-1, SPECTRUM)
+        return LocalDensities(spectral, view, network, KindCoordinates(kinds.astype(np.int64), coordinates))

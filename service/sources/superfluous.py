@@ -1,5 +1,6 @@
 """Groups of files of which one is enough. The service never removes the others: their owner may."""
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import accumulate
 
@@ -21,21 +22,24 @@ def groups(
 
     A group is kept by a shape, the one that stayed. Files that are missing, and those of sources that are not
     ready, are in no group. A merge joins files if a file of the shape that stayed is there, outside zips.
+    A page ends with the group that brings it to `FILES_OF_A_PAGE` files.
     """
     stayed = repository.merged(session, collection) if merged else {}
     files = repository.files_of(session, collection, {*stayed, *stayed.values()})
     there, plain = {file.shape for file in files}, {file.shape for file in files if not file.is_in_zip}
     stayed = {shape: kept for shape, kept in stayed.items() if shape in there and kept in plain}
-    several = repository.shapes_of_several(session, collection)
-    keepers = sorted({*(several - stayed.keys()), *stayed.values()})
+    several = repository.counts_of_several(session, collection)
+    keepers = sorted({*(several.keys() - stayed.keys()), *stayed.values()})
+    counts = Counter({keeper: several.get(keeper, 1) for keeper in keepers})
+    for shape, keeper in stayed.items():
+        counts[keeper] += several.get(shape, 1)
     following = [keeper for keeper in keepers if keeper > after]
-    members: dict[int, list[PresentFile]] = {keeper: [] for keeper in following[:limit]}
+    totals = accumulate(counts[keeper] for keeper in following[:limit])
+    shown = following[: 1 + sum(total < FILES_OF_A_PAGE for total in totals)][:limit]
+    members: dict[int, list[PresentFile]] = {keeper: [] for keeper in shown}
     shapes = {*members, *(shape for shape, keeper in stayed.items() if keeper in members)}
     for file in repository.files_of(session, collection, shapes):
         members[stayed.get(file.shape, file.shape)].append(file)
-    counts = accumulate(len(group) for group in members.values())
-    shown = following[: 1 + sum(count < FILES_OF_A_PAGE for count in counts)][:limit]
-    members = {keeper: members[keeper] for keeper in shown}
     hashes = {file.sha256 for group in members.values() for file in group}
     of_several_paths = repository.of_several_paths(session, hashes)
     return FileGroupPage(

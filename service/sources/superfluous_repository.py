@@ -62,10 +62,10 @@ def _present(query: Select[*tuple[Any, ...]], collection: CollectionNumber) -> S
     )
 
 
-def shapes_of_several(session: ReadSession, collection: CollectionNumber) -> set[int]:
-    """Return the shapes, deleted ones too, that have several files."""
-    query = _present(select(ShapeRow.number), collection).group_by(ShapeRow.number)
-    return set(session.scalars(query.having(func.count() > 1)))
+def counts_of_several(session: ReadSession, collection: CollectionNumber) -> dict[int, int]:
+    """Return the numbers of files of the shapes, deleted ones too, that have several."""
+    query = _present(select(ShapeRow.number, func.count()), collection).group_by(ShapeRow.number)
+    return dict(session.execute(query.having(func.count() > 1)).tuples().all())
 
 
 def files_of(

@@ -1,7 +1,7 @@
 """Nearest neighbours between two clouds, and the cross-covariance of their pairs.
 
 Clouds are held by rows or by columns. Rows are padded to whole vectors: of shape (m, b w), they have k
-coordinates of each of b domains, and w - k numbers that no result depends on.
+coordinates of each of b domains, and w - k numbers that no distance depends on.
 """
 
 import numpy as np

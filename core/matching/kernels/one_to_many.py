@@ -18,7 +18,7 @@ from core.numerics.compilation import kernel
 MATCH_RECORD, COARSE_SAMPLES = 0, 1
 """The form of the others: encoded match records, or coarse samples (`core.ranking.reranking`)."""
 
-TOGETHER = 4
+PAIRS_TOGETHER = 4
 """Shapes that are matched together: their maps fill the lanes of `core.matching.kernels.procrustes`."""
 
 NEW_DIRECTION = 1e-6
@@ -101,6 +101,8 @@ def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Matc
     count = min(max(int(data[:4].view(np.int32)[0]), 0), rounds.align_samples)
     start = 4 + 4 * columns
     points = dequantised_points(data[start : start + count * columns], data[4:start].view(np.float32))
+    # Damaged samples may be fewer than they say.
+    count = len(points)
     samples = min(rounds.search_samples, count)
     searched = searched_columns(points, domains, dimensions, samples)
     operators = x.operators
@@ -145,10 +147,11 @@ def compare_many(
     """
     x = decoded(query)
     columns = x.points.shape[1]
-    for start in range(0, len(ends), TOGETHER):
+    for start in range(0, len(ends), PAIRS_TOGETHER):
+        # An empty list whose type the compiler can tell.
         pairs = [pair_of(x, x) for _ in range(0)]
-        places = np.empty(TOGETHER, dtype=np.int64)
-        for i in range(start, min(start + TOGETHER, len(ends))):
+        places = np.empty(PAIRS_TOGETHER, dtype=np.int64)
+        for i in range(start, min(start + PAIRS_TOGETHER, len(ends))):
             # The other shape, in whichever form it is held.
             data = others[ends[i - 1] if i else 0 : ends[i]]
             y = decoded(data.view(np.float32)) if form == MATCH_RECORD else record_of_samples(data, x, rounds)

@@ -140,6 +140,9 @@ def _entry(_context: Any, array: Any, place: Any, lanes: Any) -> Any:
 
 @intrinsic
 def _store(_context: Any, vector: Any, array: Any, place: Any) -> Any:
+    if array.layout != "C" or array.dtype != vector.element:
+        raise TypingError("the array is contiguous and has the numbers of the vector")
+
     def generate(context: Any, builder: Any, signed: Any, values: Any) -> Any:
         start = _pointer(context, builder, signed.args[1], values[1], values[2])
         builder.store(values[0], builder.bitcast(start, vector.code.as_pointer()), align=4)

@@ -1,7 +1,7 @@
 """The compiled search for initial maps: a thin-plate spline of few points, iterated (Eq. 17).
 
 `core.matching.tps_matcher.spline_search` is the reference, with one start kept. All first signs go through
-one product, and inner loops are SIMD loops.
+one product, and vectors of points are compared with each target.
 """
 
 import math

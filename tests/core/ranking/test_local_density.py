@@ -108,9 +108,9 @@ def test_a_density_does_not_depend_on_the_other_shapes_asked_for():
     together = densities_in(sample, shapes())
     for place, shape in enumerate(shapes()):
         alone = densities_in(sample, [shape])
-        *distances, posed = astuple(alone)
-        *others, all_posed = astuple(together)
-        for found, those in zip((*distances, *posed), (*others, *all_posed), strict=True):
+        *distances, kinds = astuple(alone)
+        *others, all_kinds = astuple(together)
+        for found, those in zip((*distances, *kinds), (*others, *all_kinds), strict=True):
             assert (found[0] == those[place]).all()
 
 
@@ -134,7 +134,7 @@ def test_poses_of_a_kind_are_nearer_by_its_metric_and_shapes_without_eigenvalues
     scores = Scores(*np.zeros((3, len(sample) + 1)))
     found = differences_of(sample[0], [*sample, bare], scores, own, densities).distances["eigenvalues"]
     plain = differences_of(sample[0], [*sample, bare], scores).distances["eigenvalues"]
-    metric = own.posed.distances(densities.posed)
+    metric = own.kinds.distances(densities.kinds)
     assert np.isnan(found[-1])
     assert np.isinf(metric[-1])
     assert found[:-1].tolist() == np.minimum(plain, metric)[:-1].tolist()
@@ -145,7 +145,7 @@ def test_without_a_sample_densities_are_typical():
     found = densities_in(density_sample([]), shapes()[:2])
     assert found.spectral.tolist() == [TYPICAL_SPECTRAL] * 2
     assert found.view.tolist() == [TYPICAL_VIEW] * 2
-    assert np.isinf(found.posed.distances(found.posed)).all()
+    assert np.isinf(found.kinds.distances(found.kinds)).all()
 
 
 def test_the_nearest_views_of_many_shapes_are_mostly_found():

@@ -82,8 +82,8 @@ def test_memory_and_database_sample_the_same_after_any_history(
             expected = densities_in(density_sample(shapes), shapes)
             assert (found.spectral == expected.spectral).all(), cached
             assert (found.view == expected.view).all(), cached
-            assert found.posed.kinds.tolist() == expected.posed.kinds.tolist(), cached
-            assert (found.posed.coordinates == expected.posed.coordinates).all(), cached
+            assert found.kinds.kinds.tolist() == expected.kinds.kinds.tolist(), cached
+            assert (found.kinds.coordinates == expected.kinds.coordinates).all(), cached
         assert len(ids) == SHAPES
     with serving(settings_in(tmp_path)) as other:
         assert query(other.client, small_file(50), top_k=20, rank_by="combined").json()["results"] == answer
