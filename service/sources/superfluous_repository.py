@@ -65,7 +65,7 @@ def _present(query: Select[*tuple[Any, ...]], collection: CollectionNumber) -> S
 def counts_of_several(session: ReadSession, collection: CollectionNumber) -> dict[int, int]:
     """Return the numbers of files of the shapes, deleted ones too, that have several."""
     query = _present(select(ShapeRow.number, func.count()), collection).group_by(ShapeRow.number)
-    return dict(session.execute(query.having(func.count() > 1)).tuples().all())
+    return dict(session.execute(query.having(func.count() > 1)).all())
 
 
 def files_of(
