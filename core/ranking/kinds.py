@@ -41,7 +41,7 @@ MESH_NOISE, MESHES = 0.004, 200
 root of the eigenvalue's number; and how many neighbours' differences count as much as this prior."""
 
 SCALE = 0.01
-"""Factor by which poses have the distance of eigenvalues that they have without a kind."""
+"""Factor of whitened distances: two poses of a body then have about the distance that they have elsewhere."""
 
 
 @dataclass(frozen=True, eq=False)
