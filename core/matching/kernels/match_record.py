@@ -9,12 +9,13 @@ from core.matching.kernels.points import points_of, sorted_regions
 from core.matching.kernels.simd import SIMD_WIDTH, load, load_whole, repeat, store, whole_vectors
 from core.numerics.compilation import inlined, kernel
 
-ONE = 32767
-"""The integer that stands for 1 in a spline's matrix, whose entries lie in [-1, 1]."""
+ONE = 16382
+"""The integer that stands for 1 in a spline's matrix. Its eigenvalues lie in [0, 1], so entries beside the
+diagonal lie in [-1/2, 1/2] and fill 14 bits."""
 
-ROOT = 128
+ROOT = 160
 """The integer that stands for the cube root of 1: most entries of the softer spline are small, and roots keep
-small numbers finer than large ones."""
+small numbers finer than large ones. The cube root of 1/2 fills 8 bits."""
 
 HEAD = 12
 """Numbers before the arrays, int32: m, bytes of the points, s, b, k, j, splines of a domain, and the key."""
@@ -59,14 +60,15 @@ def decoded(record: Float32s) -> MatchRecord:
     head = record[:HEAD].view(np.int32)
     sizes = head.astype(np.int64)
     m, length, s, b, k, j, stages = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4], sizes[5], sizes[6]
-    # The arrays follow one another in the order of `encoded`; two int16 numbers take one place.
+    # The arrays follow one another in the order of `encoded`, each in whole float32 places.
     start = np.int64(HEAD)
     radius = record[start : start + b]
     start += b
     points, regions = points_of(record[start : start + length // 4].view(np.uint8), b * k)
     offsets, members = sorted_regions(regions)
     start += length // 4
-    length = (b * stages * (s * (s + 1) // 2) + 1) // 2
+    # Seven words of 16 bits for eight entries.
+    length = (7 * ((b * stages * (s * (s - 1) // 2) + 7) // 8) + 1) // 2
     operators = symmetric(record[start : start + length].view(np.int16), b, stages, s)
     start += length
     warp = lower_triangles(record[start:].view(np.int8), b, m)
@@ -76,27 +78,62 @@ def decoded(record: Float32s) -> MatchRecord:
 
 
 @kernel
-def symmetric(triangles: Int16s, domains: int, stages: int, s: int) -> Float32s:
-    """Return symmetric matrices of their lower triangles over `ONE`, row after row.
+def symmetric(words: Int16s, domains: int, stages: int, s: int) -> Float32s:
+    """Return symmetric matrices whose rows sum to 1, of their entries below the diagonal, row after row.
 
-    The result has rows of whole vectors, shape (b, stages, s, w).
+    The entries are `whole_entries` over `ONE`. The result has rows of whole vectors, shape (b, stages, s, w).
     """
+    whole = whole_entries(words, domains * stages * (s * (s - 1) // 2))
     width = whole_vectors(s)
     matrices = np.empty((domains, stages, s, width), dtype=np.float32)
+    sums = np.empty(s, dtype=np.int32)
     place = 0
     for which in range(domains * stages):
         start = which * s * width
         matrix = matrices[which // stages, which % stages]
         for i in range(s):
-            # Numbers beyond the diagonal are overwritten, in turn with the rows below.
-            _write_whole(triangles, place, i + 1, np.float32(1.0 / ONE), matrices, start + i * width)
+            # Numbers from the diagonal on are overwritten, in turn with the rows below.
+            _write_whole(whole, place, i, np.float32(1.0 / ONE), matrices, start + i * width)
+            row = whole[place : place + i]
+            place += i
             for j in range(i):
                 matrix[j, i] = matrix[i, j]
-            place += i + 1
+            # Sums of the rows beside the diagonal; those below add to this one.
+            total = np.int32(0)
+            for j in range(i):
+                total += np.int32(row[j])
+            for j in range(i):
+                sums[j] += np.int32(row[j])
+            sums[i] = total
+        # The diagonal brings each sum to 1: the spline reproduces constants.
         for i in range(s):
+            matrix[i, i] = np.float32(ONE - sums[i]) * np.float32(1.0 / ONE)
             for j in range(s, width):
                 matrix[i, j] = np.float32(0.0)
     return matrices
+
+
+@kernel
+def whole_entries(words: Int16s, count: int) -> Int16s:
+    """Return so many whole numbers of 14 bits, of words of 16.
+
+    The words are seven eighths of the numbers, in the upper 14 bits. Two bits of each number of the last
+    eighth are the lower bits of a word of each of the others.
+    """
+    length = (count + 7) // 8
+    whole = np.zeros(8 * length, dtype=np.int16)
+    last = whole[7 * length :]
+    for part in range(7):
+        some = words[part * length : (part + 1) * length]
+        numbers = whole[part * length : (part + 1) * length]
+        shift = np.int16(2 * part)
+        for entry in range(length):
+            numbers[entry] = some[entry] >> np.int16(2)
+            last[entry] |= (some[entry] & np.int16(3)) << shift
+    # The sign of a number of 14 bits.
+    for entry in range(length):
+        last[entry] = np.int16(last[entry] << np.int16(2)) >> np.int16(2)
+    return whole[:count]
 
 
 @kernel

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from core.arrays import Bytes, Float32s, Floats, Ints
-from core.matching.kernels.match_record import ONE, MatchRecord, decoded, precedes, searched_columns
+from core.matching.kernels.match_record import MatchRecord, decoded, precedes, searched_columns
 from core.matching.kernels.pair_matching import copy_matrix, fit_maps, pair_of, score_pairs
 from core.matching.kernels.simd import whole_vectors
 from core.matching.kernels.spline_search import SearchRounds
@@ -37,7 +37,7 @@ def flat_splines(searched: Float32s, first: int, operators: Float32s) -> None:
     first : int
         Dimensions of the first stage.
     operators : float32, shape (b, j - first + 1, s, w)
-        Written, in whole numbers over `ONE`: projections onto the constants and the first coordinates.
+        Written: projections onto the constants and the first coordinates.
     """
     b, j, s = searched.shape
     axes = np.empty((j + 1, s), dtype=np.float32)
@@ -72,9 +72,7 @@ def flat_splines(searched: Float32s, first: int, operators: Float32s) -> None:
             if c + 1 >= first:
                 for i in range(s):
                     for column in range(s):
-                        whole = np.rint(projection[i, column] * np.float32(ONE))
-                        whole = min(max(whole, np.float32(-ONE)), np.float32(ONE))
-                        operators[block, c + 1 - first, i, column] = whole * np.float32(1.0 / ONE)
+                        operators[block, c + 1 - first, i, column] = projection[i, column]
 
 
 @kernel

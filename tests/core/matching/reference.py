@@ -229,14 +229,16 @@ def match_record_reference(embedding: Embedding, key: bytes, parameters: Paramet
     searched = [points[:rows, :columns] for points in samples]
     splines = [compiled_spline_operators(p, wanted.first_dimensions, wanted.stiffness) for p in searched]
     softer = [compiled_spline_operators(p, p.shape[1], wanted.warp_stiffness)[0] for p in samples]
-    whole = np.rint(np.array(splines) * ONE).astype(np.float32)
-    roots = np.clip(np.rint(np.cbrt(np.tril(softer, -1)) * ROOT), 1 - ROOT, ROOT - 1).astype(np.float32)
+    whole = np.clip(np.rint(np.tril(splines, -1) * ONE), -ONE / 2, ONE / 2)
+    whole += np.swapaxes(whole, -1, -2)
+    whole += np.eye(whole.shape[-1]) * (ONE - whole.sum(axis=-1, keepdims=True))
+    roots = np.rint(np.cbrt(np.tril(softer, -1)) * ROOT).astype(np.float32)
     roots *= np.float32(1.0 / ROOT)
     centred = [points - points.mean(axis=0) for points in samples]
     return MatchRecord(
         points=np.concatenate(clouds, axis=1).astype(np.float32),
         searched=np.array([points.T for points in searched], dtype=np.float32, order="C"),
-        operators=padded(whole * np.float32(1.0 / ONE)),
+        operators=padded(whole.astype(np.float32) * np.float32(1.0 / ONE)),
         offsets=np.searchsorted(np.sort(regions), np.arange(m + 1)).astype(np.int32),
         members=np.argsort(regions, kind="stable").astype(np.int32),
         warp=roots * roots * roots,
@@ -255,7 +257,10 @@ def encoded_reference(record: MatchRecord) -> Float32s:
     head = np.zeros(HEAD, dtype=np.int32)
     head[:7] = m, len(points), s, b, columns // b, j, record.operators.shape[1]
     head[7:11] = record.key
-    operators = np.rint(record.operators[..., :s][..., np.tri(s) > 0.0] * ONE).astype(np.int16)
+    entries = np.rint(record.operators[..., :s][..., np.tri(s, k=-1) > 0.0] * ONE).astype(int).ravel()
+    eighths = np.append(entries, [0] * (-len(entries) % 8)).reshape(8, -1)
+    pairs_of_bits = [eighths[7] % 2**14 // 4**part % 4 for part in range(7)]
+    operators = (4 * eighths[:7] + pairs_of_bits).astype(np.int16)
     warp = np.rint(np.cbrt(record.warp[..., np.tri(m, k=-1) > 0.0]) * ROOT).astype(np.int8)
     parts = head.tobytes(), record.radius.tobytes(), points, operators.tobytes(), warp.tobytes()
     return np.frombuffer(b"".join(part + bytes(-len(part) % 4) for part in parts), dtype=np.float32)

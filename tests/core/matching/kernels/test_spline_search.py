@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from core.matching.kernels.match_record import ONE
 from core.matching.kernels.spline_search import search_maps, signless_correlation, spline_search
 from core.matching.match_records import search_rounds
 from core.matching.thin_plate_spline import spline_operators
@@ -29,10 +28,9 @@ def test_points_all_matched_to_one_do_not_correlate():
         assert signless_correlation(targets, points, matches, 4) == 0.0
 
 
-def whole(points, first):
-    """Splines of points by columns, rounded to whole numbers, in rows of whole vectors."""
-    splines = spline_operators(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0)
-    return padded((np.rint(splines * ONE) / ONE).astype(np.float32))
+def splines_of(points, first):
+    """Splines of points by columns, in rows of whole vectors."""
+    return padded(spline_operators(np.ascontiguousarray(points.T).astype(np.float64), first, 100.0))
 
 
 @pytest.mark.parametrize(("starts", "first"), [(8, 3), (1, 3), (4, 2), (1, 2)])
@@ -40,7 +38,7 @@ def whole(points, first):
 def test_the_search_is_the_plain_one(m, n, starts, first):
     for seed in range(4):
         points, targets = columns(seed, m, 6), columns(40 + seed, n, 6)
-        operators = whole(points, first)
+        operators = splines_of(points, first)
         found = np.empty(m, dtype=np.int32)
         spline_search(points, targets, operators, first, starts, 2, 2, 128, found)
         expected = plain_search(
