@@ -125,12 +125,13 @@ def trimmed_similarity(source: Floats, target: Floats) -> tuple[Similarity, floa
     target. Nine of ten pairs keep the distance, in the units of the target.
     """
     fits = []
+    last = int(SHARE * (len(source) - 1))
     for sign in (1, -1):
         near = np.ones(len(source), dtype=bool)
         for _ in range(ROUNDS):
             motion = best_similarity(source[near], target[near], sign=sign, scaled=True)
             gaps = np.linalg.norm(target - motion.apply(source), axis=1)
-            nearest = gaps <= np.quantile(gaps, SHARE)
+            nearest = gaps <= np.partition(gaps, last)[last]
             if np.array_equal(nearest, near):
                 break
             near = nearest
