@@ -49,6 +49,12 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def idle() -> dict[Callable[..., httpx.Response], float]:
+    """The p95 of requests without a flood, by their kind, where it is measured already."""
+    return {}
+
+
 @contextmanager
 def flooded(
     client: httpx.Client, folder: Path, method: str, path: str, content: str, key: str = FLOODING
@@ -113,6 +119,7 @@ CASES = [
 @pytest.mark.parametrize(("kind", "request_of"), CASES)
 def test_a_key_hardly_notices_the_flood_of_another(
     service: httpx.Client,
+    idle: dict[Callable[..., httpx.Response], float],
     tmp_path: Path,
     kind: str,
     request_of: Callable[[httpx.Client, int], httpx.Response],
@@ -121,17 +128,18 @@ def test_a_key_hardly_notices_the_flood_of_another(
         part.replace("{id}", service.get("/shapes").json()["shapes"][0]["id"]) for part in FLOODS[kind]
     )
     key = "isoshape_unknown" if kind == "wrong key" else FLOODING
-    for _ in range(TRIES):
-        idle = measured(service, request_of)
+    for turn in range(TRIES):
+        if turn or request_of not in idle:
+            idle[request_of] = measured(service, request_of)
         with flooded(service, tmp_path, method, path, content, key) as answers:
             busy = measured(service, request_of)
         print(
-            f"| {kind} | {request_of.__name__} | {1000 * idle:.0f} | {1000 * busy:.0f} | {busy / idle:.1f} "
-            f"| {dict(answers)} |"
+            f"| {kind} | {request_of.__name__} | {1000 * idle[request_of]:.0f} | {1000 * busy:.0f} "
+            f"| {busy / idle[request_of]:.1f} | {dict(answers)} |"
         )
-        if busy <= MOST * idle:
+        if busy <= MOST * idle[request_of]:
             break
-    assert busy <= MOST * idle
+    assert busy <= MOST * idle[request_of]
     # Nobody is dropped, however often it is refused.
     assert answers.keys() <= {"200", "201", "401", "422", "503"}
 
