@@ -23,6 +23,7 @@ SCRIPTS = {
     "mirrored": (("--limit", "1", "--bodies", "1", "--vertices", "900"), {"mirrored": 2}),
     "words": (("--names", "200", "--times", "200"), {"words": 2}),
     "decisions": (("--groups", "4"), {"decisions": 7}),
+    "suggestions": (("--count", "60"), {"suggestions": 5}),
     "capacity": (
         ("--count", "20000", "--rows", "20000"),
         {"bytes": 6, "storing": 2, "search": 2, "graph": 1, "vectors": 16},
@@ -59,5 +60,5 @@ def test_a_script_writes_its_tables_and_pictures(name: str, collection: Path, tm
         assert len(rows) == count
         assert markdown(tmp_path / f"{table}.csv").count("\n") == count + 1
     pictures = list(tmp_path.glob("*.png"))
-    assert len(pictures) == {"figures": 6, "robustness": 2, "sampling": 2}.get(name, 0)
+    assert len(pictures) == {"figures": 6, "robustness": 2, "sampling": 2, "suggestions": 1}.get(name, 0)
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n") for path in pictures)
