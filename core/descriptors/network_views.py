@@ -19,6 +19,7 @@ from core.descriptors.depth_images import depth_images
 from core.descriptors.network import FEATURES, SIZE, network
 from core.descriptors.network_weights import PACKAGE, network_weights
 from core.descriptors.view_frames import NormalisedSurface, directed_axes
+from core.numerics.compilation import compiled
 
 VIEWS = 6
 """Number of views: along the axes of the frame of the points, and against them."""
@@ -53,9 +54,7 @@ def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
 
     1 less the mean, over the views of both, of the cosine with the most similar view of the other.
     """
-    stored = np.stack(others).astype(np.float32)
-    cosines = (stored @ query.astype(np.float32).T).astype(np.float64)
-    cosines /= _lengths(stored)[:, :, None] * _lengths(query.astype(np.float32))
+    cosines = _cosines(query, np.stack(others))
     return np.asarray(1.0 - 0.5 * (cosines.max(axis=1).mean(axis=1) + cosines.max(axis=2).mean(axis=1)))
 
 
@@ -64,15 +63,39 @@ def mean_view(views: Int8s) -> Float32s:
 
     Surfaces whose mean directions have a small angle are mostly those at a small distance.
     """
-    directions = views.astype(np.float32) / _lengths(views.astype(np.float32))[:, None]
-    mean = directions.mean(axis=0)
+    mean = (views / _lengths(views)[:, None]).mean(axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-6), dtype=np.float32)
 
 
-def _lengths(views: Float32s) -> Floats:
-    """Return the norms of views, shape (..., VIEWS): sums of whole numbers, exact in any order."""
-    squares = np.einsum("...f,...f->...", views, views).astype(np.float64)
-    return np.asarray(np.sqrt(np.maximum(squares, 1.0)))
+@compiled
+def _cosines(query: Int8s, stored: Int8s) -> Floats:
+    """Return the cosines between the views of c surfaces and those of one, shape (c, VIEWS, VIEWS)."""
+    lengths = _lengths(query)
+    cosines = np.empty((len(stored), stored.shape[1], len(query)))
+    for i in range(len(stored)):
+        others = _lengths(stored[i])
+        for j in range(len(others)):
+            for k in range(len(lengths)):
+                cosines[i, j, k] = _product(stored[i, j], query[k]) / (others[j] * lengths[k])
+    return cosines
+
+
+@compiled
+def _lengths(views: Int8s) -> Floats:
+    """Return the norms of views, at least 1, shape (VIEWS,)."""
+    lengths = np.empty(len(views))
+    for i in range(len(views)):
+        lengths[i] = np.sqrt(max(np.float64(_product(views[i], views[i])), 1.0))
+    return lengths
+
+
+@compiled
+def _product(first: Int8s, second: Int8s) -> np.int32:
+    """Return the inner product of two views, a whole number."""
+    total = np.int32(0)
+    for i in range(len(first)):
+        total = np.int32(total + np.int32(np.int32(first[i]) * np.int32(second[i])))
+    return total
 
 
 @cache

@@ -185,11 +185,12 @@ def _differences(query: Bytes, stored: Bytes, frames: int, width: int) -> tuple[
             total = np.int32(0)
             for k in range(frame * width, (frame + 1) * width):
                 byte, stored_byte = np.int32(query[k]), np.int32(stored[i, k])
-                total += abs(byte * byte - stored_byte * stored_byte)
+                square, stored_square = np.int32(byte * byte), np.int32(stored_byte * stored_byte)
+                total = np.int32(total + abs(np.int32(square - stored_square)))
             views[i, frame] = total
         total = np.int32(0)
         for k in range(frames * width, len(query)):
-            total += abs(np.int32(query[k]) - np.int32(stored[i, k]))
+            total = np.int32(total + abs(np.int32(np.int32(query[k]) - np.int32(stored[i, k]))))
         pairs[i] = total
     return views, pairs
 
