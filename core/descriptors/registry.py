@@ -4,7 +4,7 @@ An embedding holds one array for each descriptor, by name. Records, their checks
 that `combined` reads go by this table.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -173,12 +173,17 @@ def descriptors_of(embedding: Embedding) -> ShapeDescriptors:
     return ShapeDescriptors(embedding.signature, embedding.descriptors, reliability)
 
 
-def descriptor_distances(query: ShapeDescriptors, others: Sequence[ShapeDescriptors]) -> dict[str, Floats]:
+def descriptor_distances(
+    query: ShapeDescriptors, others: Sequence[ShapeDescriptors], skipped: Collection[str] = ()
+) -> dict[str, Floats]:
     """Return the distances of each descriptor between one shape and c others, shape (c,), by name.
 
-    They are NaN where one of two shapes lacks the descriptor.
+    They are NaN where one of two shapes lacks the descriptor, and typical for the `skipped` descriptors.
     """
-    return {name: _distances(name, query, others) for name in DESCRIPTORS}
+    return {
+        name: np.full(len(others), descriptor.typical) if name in skipped else _distances(name, query, others)
+        for name, descriptor in DESCRIPTORS.items()
+    }
 
 
 def _distances(name: str, query: ShapeDescriptors, others: Sequence[ShapeDescriptors]) -> Floats:

@@ -211,6 +211,9 @@ between two points, one is, or both are."""
 
 SIGNATURE_BYTES = 3 * CHANNELS * int(LOWEST.sum()) + COARSE_DISTANCES * NORMAL_BINS * 3
 
+VIEW_SCALE = 1.0 / 1900.0
+"""View distance over the distance of view signatures, the mean of pairs of many kinds."""
+
 LOW_SCALE, COARSE_SCALE = 1000.0, 400.0
 """A byte is the first factor times a magnitude, or the second times the root of a share, at most 255."""
 

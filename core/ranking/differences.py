@@ -4,7 +4,7 @@ Signatures and reliabilities give exact differences; view signatures give approx
 values stand for all others, and nothing for views that a network sees.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,15 +13,9 @@ from numpy.typing import NDArray
 from core.arrays import Bytes, Float32s, Floats
 from core.descriptors.partial import descriptor_distance
 from core.descriptors.registry import DESCRIPTORS, ShapeDescriptors, descriptor_distances
-from core.descriptors.views import signature_distance
+from core.descriptors.views import VIEW_SCALE, signature_distance
 from core.embedding import Scores
-from core.ranking.local_density import (
-    TYPICAL_NETWORK,
-    TYPICAL_SPECTRAL,
-    TYPICAL_VIEW,
-    LocalDensities,
-    typical_densities,
-)
+from core.ranking.local_density import LocalDensities, typical_densities
 from core.ranking.shortlist import global_distances, spectral_distances
 
 
@@ -70,16 +64,18 @@ def differences_of(
     scores: Scores,
     query_density: LocalDensities | None = None,
     densities: LocalDensities | None = None,
+    *,
+    skipped: Collection[str] = (),
 ) -> PairDifferences:
     """Return the differences between one shape and c others.
 
     The scores are those of the query with the others; `ssd` is not read. The densities of the query, arrays
-    of shape (1,), and of the others, shape (c,), are typical ones unless given.
+    of shape (1,), and of the others, shape (c,), are typical ones unless given. Typical distances stand for
+    those of the `skipped` descriptors.
     """
-    query_density = typical_densities(1) if query_density is None else query_density
-    densities = typical_densities(len(others)) if densities is None else densities
+    query_density, densities = _or_typical(query_density, densities, len(others))
     signatures = np.stack([other.signature for other in others])
-    distances = descriptor_distances(query, others)
+    distances = descriptor_distances(query, others, skipped)
     of_kind = query_density.kinds.distances(densities.kinds)
     distances["eigenvalues"] = np.minimum(distances["eigenvalues"], of_kind)
     between = descriptor_distance(
@@ -102,8 +98,15 @@ def differences_of(
     )
 
 
-VIEW_SCALE = 1.0 / 1900.0
-"""View distance over the distance of view signatures, the mean of pairs of many kinds."""
+def _or_typical(
+    query_density: LocalDensities | None, densities: LocalDensities | None, count: int
+) -> tuple[LocalDensities, LocalDensities]:
+    """Return the densities of a query and of `count` others, typical ones where they are None."""
+    return (
+        typical_densities(1) if query_density is None else query_density,
+        typical_densities(count) if densities is None else densities,
+    )
+
 
 TYPICAL_SIM = 0.5
 """The typical sim of shapes that are near by eigenvalues or views."""
@@ -130,14 +133,21 @@ class CoarseDescriptors:
 
 
 def coarse_differences(
-    query: CoarseDescriptors, others: CoarseDescriptors, cc: Floats | None = None, *, part: bool = False
+    query: CoarseDescriptors,
+    others: CoarseDescriptors,
+    cc: Floats | None = None,
+    query_density: LocalDensities | None = None,
+    densities: LocalDensities | None = None,
+    *,
+    part: bool = False,
 ) -> PairDifferences:
     """Estimate differences between one shape and c others.
 
-    CC is approximate, shape (c,), or typical for the spectral distances. `part` tells whether the one shape
-    is incomplete; the others count as complete.
+    CC is approximate, shape (c,), or typical for the spectral distances. Densities are those of
+    `differences_of`. `part` tells whether the one shape is incomplete; the others count as complete.
     """
     count = len(others.signatures)
+    query_density, densities = _or_typical(query_density, densities, count)
     views = signature_distance(query.view_signatures[0], others.view_signatures)
     spectral = spectral_distances(query.signatures[0], others.signatures)
     distances = {name: np.full(count, descriptor.typical) for name, descriptor in DESCRIPTORS.items()}
@@ -153,7 +163,7 @@ def coarse_differences(
         part=np.full(count, part),
         part_distance=distances["spin_images"],
         reliability=np.sqrt(query.reliabilities[0] * others.reliabilities.astype(np.float64)),
-        spectral_density=np.full(count, TYPICAL_SPECTRAL),
-        view_density=np.full(count, TYPICAL_VIEW),
-        network_density=np.full(count, TYPICAL_NETWORK),
+        spectral_density=np.sqrt(query_density.spectral * densities.spectral),
+        view_density=np.sqrt(query_density.view * densities.view),
+        network_density=np.sqrt(query_density.network * densities.network),
     )

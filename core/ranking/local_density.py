@@ -7,7 +7,7 @@ global scaling reduce hubs in space", JMLR 13, 2012.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from core.descriptors.registry import ShapeDescriptors
 from core.descriptors.views import (
     SIGNATURE_BYTES,
     VIEW_BYTES,
+    VIEW_SCALE,
     signature_distance,
     view_distance,
     view_signature,
@@ -54,6 +55,15 @@ class LocalDensities:
     view: Floats
     network: Floats
     kinds: KindCoordinates
+
+    def only(self, indices: Ints) -> "LocalDensities":
+        """Return the densities of the shapes at some indices."""
+        return LocalDensities(
+            self.spectral[indices],
+            self.view[indices],
+            self.network[indices],
+            KindCoordinates(self.kinds.kinds[indices], self.kinds.coordinates[indices]),
+        )
 
 
 def typical_densities(count: int) -> LocalDensities:
@@ -127,7 +137,7 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
     network_views = [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays]
     means = [mean_view(each) for each in network_views]
     return DensitySample(
-        _eigenvalues(shapes),
+        _eigenvalues(np.stack([shape.signature for shape in shapes])) if shapes else np.empty((0, 0)),
         np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
         views,
         network_views,
@@ -145,8 +155,7 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
     """
     if not len(sample.views):
         return typical_densities(len(shapes))
-    spectral = cdist(_eigenvalues(shapes), sample.eigenvalues)
-    spectral[spectral == 0.0] = np.inf
+    spectral = _spectral_distances(sample, np.stack([shape.signature for shape in shapes]))
     views = np.full(spectral.shape, UNMEASURED)
     views[np.isinf(spectral)] = np.inf
     for row, others, shape in zip(views, spectral, shapes, strict=True):
@@ -159,6 +168,34 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK),
         sample.kinds.of(all_log_eigenvalues(shapes)),
     )
+
+
+def estimated_densities(
+    sample: DensitySample, signatures: Float32s, view_signatures: Bytes
+) -> LocalDensities:
+    """Estimate the local densities of c shapes in a sample, arrays of shape (c,), from short descriptors.
+
+    Those by eigenvalues are exact, and those by a network typical; view signatures stand for views, and the
+    shapes are of no kind. Signatures have the shape (c, s), and view signatures (c, SIGNATURE_BYTES).
+    """
+    densities = typical_densities(len(signatures))
+    if not len(sample.views) or not len(signatures):
+        return densities
+    spectral = _spectral_distances(sample, signatures)
+    distances = [signature_distance(signature, sample.view_signatures) for signature in view_signatures]
+    views = np.where(np.isinf(spectral), np.inf, VIEW_SCALE * np.stack(distances))
+    return replace(
+        densities,
+        spectral=neighbour_distances(spectral, TYPICAL_SPECTRAL),
+        view=neighbour_distances(views, TYPICAL_VIEW),
+    )
+
+
+def _spectral_distances(sample: DensitySample, signatures: Float32s) -> Floats:
+    """Return the distances by eigenvalues between c shapes and those of a sample, inf to itself or a copy."""
+    distances: Floats = cdist(_eigenvalues(signatures), sample.eigenvalues)
+    distances[distances == 0.0] = np.inf
+    return distances
 
 
 def _network_distances(sample: DensitySample, shapes: list[ShapeDescriptors], spectral: Floats) -> Floats:
@@ -185,11 +222,9 @@ def _nearest(distances: NDArray[np.generic], others: Floats) -> Ints:
     return np.asarray(nearest[np.isfinite(near[nearest])])
 
 
-def _eigenvalues(shapes: list[ShapeDescriptors]) -> Floats:
+def _eigenvalues(signatures: Float32s) -> Floats:
     """Return the part of signatures without global descriptors, shape (c, e)."""
-    if not shapes:
-        return np.empty((0, 0))
-    return np.stack([shape.signature[:-GLOBAL_DESCRIPTORS] for shape in shapes]).astype(np.float64)
+    return signatures[:, :-GLOBAL_DESCRIPTORS].astype(np.float64)
 
 
 def all_log_eigenvalues(shapes: Sequence[ShapeDescriptors]) -> Floats:

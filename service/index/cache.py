@@ -12,10 +12,16 @@ from typing import Generic, TypeVar
 import numpy as np
 from cachetools import LRUCache
 
-from core.arrays import Float32s, Ints
+from core.arrays import Bytes, Float32s, Ints
 from core.descriptors.registry import ShapeDescriptors
 from core.ranking.kinds import NO_KIND, KindCoordinates
-from core.ranking.local_density import DensitySample, LocalDensities, densities_in
+from core.ranking.local_density import (
+    DensitySample,
+    LocalDensities,
+    all_log_eigenvalues,
+    densities_in,
+    estimated_densities,
+)
 from core.spectral.spectral_embedding import SPECTRUM
 
 Value = TypeVar("Value")
@@ -149,6 +155,14 @@ class CollectionSample:
     def of_query(self, query: ShapeDescriptors) -> LocalDensities:
         """Return the densities of one shape, arrays of shape (1,)."""
         return densities_in(self._sample, [query])
+
+    def estimated(self, signatures: Float32s, view_signatures: Bytes) -> LocalDensities:
+        """Return approximate densities of c shapes, shape (c,) each, from what the index has of them."""
+        return estimated_densities(self._sample, signatures, view_signatures)
+
+    def kinds_of(self, shapes: Sequence[ShapeDescriptors]) -> KindCoordinates:
+        """Return the coordinates of c shapes in the metrics of their kinds."""
+        return self._sample.kinds.of(all_log_eigenvalues(shapes))
 
     def of_stored(self, embeddings: Sequence[int], shapes: Sequence[ShapeDescriptors]) -> LocalDensities:
         """Return the densities of c stored shapes, shape (c,) each, by the numbers of their embeddings."""

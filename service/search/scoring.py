@@ -26,6 +26,7 @@ from core.matching.match_records import match_record, score_match_records
 from core.parameters import Parameters
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
+from core.ranking.local_density import LocalDensities, typical_densities
 from core.ranking.reranking import coarse_ranking, rerank
 from core.ranking.shortlist import least
 from service.compute.request_queue import short_of_memory
@@ -49,8 +50,12 @@ that a worker process matches."""
 LONGER = 4
 """Factor of these lengths for queries that run side by side: they keep the workers busy together."""
 
-DESCRIBED = 0.5
+DESCRIBED = 1.0 / 3.0
 """Share of the re-ranked candidates whose descriptors are read, if log odds rank the answer."""
+
+SKIPPED = frozenset({"spin_images"})
+"""Descriptors that re-ranking does not compare with those of a complete query: their distances take most of
+the time, and do not change which candidates are matched in full."""
 
 PART_FACTOR = 2
 """Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
@@ -206,7 +211,8 @@ class Cascade:
     async def _rerank(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
         """Return the best candidates by re-ranking, and by descriptors if log odds rank the answer.
 
-        Coarse log odds choose the candidates whose descriptors are read; of an incomplete query, all are.
+        Coarse log odds choose the candidates whose descriptors are read, and their local densities are
+        estimated. Of an incomplete query, all descriptors are read, and densities computed.
         """
         coarse_samples = candidates.entries.coarse_samples
 
@@ -216,17 +222,20 @@ class Cascade:
         (cc,) = await self.in_batches(match_samples, np.arange(len(candidates)), RERANK_BATCH)
         if not self.by_log_odds:
             return _best(candidates, cc, count)[0]
+        estimates: LocalDensities | None = None
         if not is_part(self.query.spin_images):
+            estimates = await run_in_threadpool(_estimated_densities, candidates)
             described = max(count, math.ceil(len(cc) * DESCRIBED))
-            log_odds = coarse_log_odds(self.query, candidates.entries, cc)
+            log_odds = coarse_log_odds(self.query, candidates.entries, cc, (candidates.density, estimates))
             candidates, indices = _best(candidates, log_odds, described)
-            cc = cc[indices]
+            cc, estimates = cc[indices], estimates.only(indices)
 
         def compare_descriptors(rows: Ints) -> Floats:
             numbers = candidates.entries.embeddings[rows].tolist()
             sim = np.full(len(rows), TYPICAL_SIM)
             described = self.reader.descriptors(numbers)
-            return class_log_odds(self.query, candidates, numbers, described, cc[rows], sim)[None]
+            densities = None if estimates is None else estimates.only(rows)
+            return class_log_odds(self.query, candidates, numbers, described, cc[rows], sim, densities)[None]
 
         (scores,) = await self.in_batches(compare_descriptors, np.arange(len(cc)), DESCRIPTOR_BATCH)
         return _best(candidates, scores, count)[0]
@@ -314,11 +323,24 @@ async def nearest_wholes(
         return candidates.only(least(distances, shapes, count)), distance_of
 
 
-def coarse_log_odds(query: Query, entries: IndexEntries, cc: Floats | None = None) -> Floats:
+def _estimated_densities(candidates: Candidates) -> LocalDensities:
+    """Estimate the local densities of c candidates from the index alone, arrays of shape (c,)."""
+    entries = candidates.entries
+    if candidates.sample is None:
+        return typical_densities(len(candidates))
+    return candidates.sample.estimated(entries.signatures, entries.view_signatures)
+
+
+def coarse_log_odds(
+    query: Query,
+    entries: IndexEntries,
+    cc: Floats | None = None,
+    densities: tuple[LocalDensities | None, LocalDensities | None] = (None, None),
+) -> Floats:
     """Compute approximate log odds that a query and c shapes are of one class, from the index alone.
 
     `cc` has the approximate CC of the shapes, shape (c,), as the result; CC typical of the spectral distances
-    is taken unless it is given.
+    is taken unless it is given. So are typical `densities` of the query and of the shapes.
     """
     descriptors = query.descriptors
     reliability = np.array([descriptors.reliability], dtype=np.float32)
@@ -327,6 +349,7 @@ def coarse_log_odds(query: Query, entries: IndexEntries, cc: Floats | None = Non
             CoarseDescriptors(descriptors.signature[None], query.view_signature[None], reliability),
             CoarseDescriptors(entries.signatures, entries.view_signatures, entries.reliabilities),
             cc,
+            *densities,
             part=is_part(query.spin_images),
         )
     )
@@ -339,12 +362,16 @@ def class_log_odds(
     described: dict[int, ShapeDescriptors],
     cc: Floats,
     sim: Floats,
+    estimates: LocalDensities | None = None,
 ) -> Floats:
     """Compute the log odds that a query and each of c embeddings are of one class, shape (c,).
 
     They are the least for embeddings without descriptors or CC, which were deleted meanwhile. `embeddings`
     has the numbers of the embeddings and `described` descriptors by number; `cc` and `sim` have shape (c,).
     Local densities are those in the sample of the candidates; without one, typical.
+
+    With `estimates` of the densities, shape (c,), the log odds are approximate: of the densities only the
+    kinds are computed, and typical distances stand for those of `SKIPPED`.
     """
     present = [i for i, number in enumerate(embeddings) if number in described and not np.isnan(cc[i])]
     log_odds = np.full(len(embeddings), -np.inf)
@@ -352,10 +379,17 @@ def class_log_odds(
         return log_odds
     numbers = [embeddings[i] for i in present]
     shapes = [described[number] for number in numbers]
-    densities = None if candidates.sample is None else candidates.sample.of_stored(numbers, shapes)
+    sample, densities, skipped = candidates.sample, None, frozenset[str]()
+    if estimates is not None:
+        densities, skipped = estimates.only(np.array(present)), SKIPPED
+        if sample is not None:
+            densities = replace(densities, kinds=sample.kinds_of(shapes))
+    elif sample is not None:
+        densities = sample.of_stored(numbers, shapes)
     scores = Scores(cc[present], np.zeros(len(present)), sim[present])
-    differences = differences_of(query.descriptors, shapes, scores, candidates.density, densities)
-    log_odds[present] = pooled_log_odds(differences)
+    log_odds[present] = pooled_log_odds(
+        differences_of(query.descriptors, shapes, scores, candidates.density, densities, skipped=skipped)
+    )
     return log_odds
 
 

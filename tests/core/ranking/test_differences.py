@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from core.descriptors.registry import descriptors_of
+from core.descriptors.registry import DESCRIPTORS, descriptors_of
 from core.descriptors.views import view_signature
+from core.embedding import Scores
 from core.gallery import CLASSES
 from core.pipeline import Pipeline
 from core.ranking.differences import CoarseDescriptors, coarse_differences, differences_of
@@ -39,6 +40,21 @@ def test_spectral_differences_are_exact_and_views_nearly_in_order():
     assert found.distances["views"] == pytest.approx(exact.distances["views"], rel=0.5)
     assert not found.part.any()
     assert coarse_differences(coarse([own]), coarse(others), part=True).part.all()
+
+
+def test_typical_distances_stand_for_those_of_skipped_descriptors():
+    own, *others = (descriptors_of(one) for one in embeddings())
+    none = np.zeros(len(others))
+    exact, found = (
+        differences_of(own, others, Scores(none, none, none), skipped=skipped)
+        for skipped in ((), ("spin_images",))
+    )
+    for name, distances in found.distances.items():
+        if name == "spin_images":
+            assert (distances == DESCRIPTORS[name].typical).all()
+        else:
+            assert distances.tolist() == exact.distances[name].tolist()
+    assert (found.part_distance == found.distances["spin_images"]).all()
 
 
 def test_an_empty_collection_has_no_differences():

@@ -9,7 +9,7 @@ import pytest
 from core.descriptors.facts import GLOBAL_DESCRIPTORS
 from core.descriptors.network_views import network_view_distance
 from core.descriptors.registry import ShapeDescriptors, descriptors_of
-from core.descriptors.views import VIEW_BYTES, view_distance
+from core.descriptors.views import VIEW_BYTES, VIEW_SCALE, view_distance, view_signature
 from core.embedding import Scores
 from core.gallery import CLASSES
 from core.pipeline import Pipeline
@@ -22,6 +22,7 @@ from core.ranking.local_density import (
     TYPICAL_VIEW,
     densities_in,
     density_sample,
+    estimated_densities,
     neighbour_distances,
 )
 from tests.core.ranking.test_kinds import POSES, posed_bodies
@@ -139,6 +140,36 @@ def test_poses_of_a_kind_are_nearer_by_its_metric_and_shapes_without_eigenvalues
     assert np.isinf(metric[-1])
     assert found[:-1].tolist() == np.minimum(plain, metric)[:-1].tolist()
     assert (found < 0.7 * plain)[1:POSES].all()
+
+
+def short(shapes):
+    """Signatures and view signatures."""
+    views = [view_signature(shape.arrays["views"]) for shape in shapes]
+    return np.stack([shape.signature for shape in shapes]), np.stack(views)
+
+
+@pytest.mark.parametrize("count", [1, 3, 12])
+def test_estimates_are_exact_by_eigenvalues_and_follow_view_signatures(count):
+    sample = shapes()[:count]
+    signatures, views = short(shapes())
+    found = estimated_densities(density_sample(sample), signatures, views)
+    exact = densities_in(density_sample(sample), shapes())
+    assert found.spectral.tolist() == exact.spectral.tolist()
+    steps = views[:, None].astype(float) - views[:count]
+    distances = VIEW_SCALE * np.abs(steps).sum(axis=2)
+    distances[np.arange(count), np.arange(count)] = np.inf
+    assert found.view == pytest.approx(neighbour_distances(distances, TYPICAL_VIEW), rel=1e-12)
+    assert found.view == pytest.approx(exact.view, rel=0.3)
+    assert found.network.tolist() == [TYPICAL_NETWORK] * len(shapes())
+    part = found.only(np.array([4, 2]))
+    assert part.view.tolist() == found.view[[4, 2]].tolist()
+    assert np.isinf(part.kinds.distances(part.kinds)).all()
+
+
+def test_without_a_sample_estimates_are_typical():
+    found = estimated_densities(density_sample([]), *short(shapes()[:2]))
+    assert found.spectral.tolist() == [TYPICAL_SPECTRAL] * 2
+    assert found.view.tolist() == [TYPICAL_VIEW] * 2
 
 
 def test_without_a_sample_densities_are_typical():

@@ -5,6 +5,7 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -20,7 +21,13 @@ from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, coarse_differences, differences_of
-from core.ranking.local_density import densities_in, density_sample
+from core.ranking.local_density import (
+    LocalDensities,
+    all_log_eigenvalues,
+    densities_in,
+    density_sample,
+    estimated_densities,
+)
 from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.serialization import embedding_from_bytes
 from service.index.cache import ABOUT, EmbeddingCache
@@ -243,9 +250,18 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     )
     names = [*by_signature, *(name for name in by_views if name not in by_signature)]
 
-    def coarse_log_odds(names: list[str], cc: Floats | None = None) -> Floats:
+    sample = density_sample([query_shape, *shapes_of.values()])
+    density = densities_in(sample, [query_shape])
+
+    def estimated(names: list[str]) -> LocalDensities:
         stored = coarse([embeddings[name] for name in names])
-        return pooled_log_odds(coarse_differences(coarse([wanted]), stored, cc))
+        return estimated_densities(sample, stored.signatures, stored.view_signatures)
+
+    def coarse_log_odds(
+        names: list[str], cc: Floats | None = None, densities: tuple[LocalDensities, ...] = ()
+    ) -> Floats:
+        stored = coarse([embeddings[name] for name in names])
+        return pooled_log_odds(coarse_differences(coarse([wanted]), stored, cc, *densities))
 
     if by_log_odds:
         names = first(names, coarse_log_odds(names), 9)
@@ -255,19 +271,20 @@ def test_finalists_are_those_that_coarse_ranking_and_reranking_put_first(
     samples = np.stack([coarse_samples(embeddings[name]) for name in names])
     rough = rerank(own, samples, DEFAULT).astype(np.float64)
     if by_log_odds:
-        half = first(names, coarse_log_odds(names, rough), 3)
-        rough = rough[[names.index(name) for name in half]]
-        names = half
-        sample = density_sample([query_shape, *shapes_of.values()])
+        described = first(names, coarse_log_odds(names, rough, (density, estimated(names))), 3)
+        rough = rough[[names.index(name) for name in described]]
+        names = described
         chosen = [shapes_of[name] for name in names]
+        kinds = sample.kinds.of(all_log_eigenvalues(chosen))
         sim = np.full(len(names), TYPICAL_SIM)
         rough = pooled_log_odds(
             differences_of(
                 query_shape,
                 chosen,
                 Scores(rough, sim, sim),
-                densities_in(sample, [query_shape]),
-                densities_in(sample, chosen),
+                density,
+                replace(estimated(names), kinds=kinds),
+                skipped={"spin_images"},
             )
         )
     names = first(names, rough, 3)
