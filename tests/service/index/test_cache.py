@@ -179,8 +179,8 @@ def test_new_shapes_are_prepared_after_any_deletion(running: Running) -> None:
     for shape in gone:
         running.client.delete(f"/shapes/{shape}")
     late = running.store(small_file(33), "late.off")
+    wait_until(lambda: len(before - set(cache.missing(range(1000)))) == 1, seconds=300)
     wait_until(lambda: len(cache) == STORED + 1, seconds=300)
-    assert len(before - set(cache.missing(range(1000)))) == 1
     wait_until(lambda: len(running.container.descriptors) == STORED, seconds=300)
     running.client.delete(f"/shapes/{late['id']}")
 
