@@ -13,6 +13,7 @@ from core.ranking.kinds import (
     MESHES,
     NEIGHBOURS,
     NO_KIND,
+    ROUNDS,
     SCALE,
     Kinds,
     kinds_in,
@@ -64,13 +65,23 @@ def test_individuals_are_told_apart_in_poses_that_differ_more_than_they_do() -> 
 def test_the_metric_is_the_inverse_of_the_covariance_of_poses() -> None:
     sample = posed_bodies(1)
     coordinates = eigenvalue_coordinates(sample)
-    plain = np.abs(coordinates[:, None] - coordinates).sum(axis=2) + 9.0 * np.eye(len(sample))
-    steps = (sample[plain.argsort(axis=1)[:, :NEIGHBOURS]] - sample[:, None]).reshape(-1, SPECTRUM)
+    plain = np.abs(coordinates[:, None] - coordinates).sum(axis=2)
     noise = MESH_NOISE**2 * np.diag(np.arange(1, SPECTRUM + 1) / 10) + np.outer(TREND, TREND)
-    covariance = (steps.T @ steps / 2 + MESHES * noise) / (len(steps) + MESHES)
-    step = sample[3] - sample[20]
-    expected = SCALE * np.sqrt(step @ np.linalg.inv(covariance) @ step / SPECTRUM)
-    assert all_distances(sample, sample)[3, 20] == pytest.approx(expected, rel=1e-4)
+    pairs = sample[:, None] - sample
+    for _ in range(ROUNDS):
+        nearest = (plain + 9.0 * np.eye(len(sample))).argsort(axis=1)[:, :NEIGHBOURS]
+        steps = (sample[nearest] - sample[:, None]).reshape(-1, SPECTRUM)
+        covariance = (steps.T @ steps / 2 + MESHES * noise) / (len(steps) + MESHES)
+        squares = np.einsum("abi,ij,abj->ab", pairs, np.linalg.inv(covariance), pairs, optimize=True)
+        plain = SCALE * np.sqrt(np.maximum(squares, 0.0) / SPECTRUM)
+    assert all_distances(sample, sample) == pytest.approx(plain, rel=1e-4, abs=1e-6)
+
+
+def test_each_metric_finds_better_poses_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = posed_bodies(7)
+    last = first_tier(all_distances(sample, sample))
+    monkeypatch.setattr("core.ranking.kinds.ROUNDS", 1)
+    assert first_tier(all_distances(sample, sample)) < last - 0.02
 
 
 def test_distances_do_not_depend_on_the_order_and_another_mesh_is_near() -> None:
