@@ -52,17 +52,20 @@ def network_views(surface: NormalisedSurface, faces: Ints) -> Int8s:
 def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
     """Compute distances between the views of one surface and of c others, shape (c,), in [0, 2].
 
-    1 less the mean of two similarities: over the views of both, the mean cosine with the most similar view of
-    the other; and the same of axes, whose two views go together with those of another axis.
+    The distance is 1 less the mean of two similarities. The first is the mean cosine of each view of both
+    with the most similar view of the other. The second compares axes so: the two views of an axis go together with
+    those of another axis, in the better order.
     """
     cosines = _cosines(query, np.stack(others))
     pairs = cosines.reshape(-1, VIEWS // 2, 2, VIEWS // 2, 2)
     straight = pairs[:, :, 0, :, 0] + pairs[:, :, 1, :, 1]
     crossed = pairs[:, :, 0, :, 1] + pairs[:, :, 1, :, 0]
-    return 1.0 - 0.5 * (_of_partners(cosines) + _of_partners(0.5 * np.maximum(straight, crossed)))
+    return 1.0 - 0.5 * (
+        _partner_similarity(cosines) + _partner_similarity(0.5 * np.maximum(straight, crossed))
+    )
 
 
-def _of_partners(cosines: Floats) -> Floats:
+def _partner_similarity(cosines: Floats) -> Floats:
     """Return the mean cosine of each row and column with its best partner, from shape (c, v, v)."""
     return np.asarray(0.5 * (cosines.max(axis=1).mean(axis=1) + cosines.max(axis=2).mean(axis=1)))
 

@@ -175,8 +175,8 @@ def estimated_densities(
 ) -> LocalDensities:
     """Estimate the local densities of c shapes in a sample, arrays of shape (c,), from short descriptors.
 
-    Those by eigenvalues are exact, and those by a network typical; view signatures stand for views, and the
-    shapes are of no kind. Signatures have the shape (c, s), and view signatures (c, SIGNATURE_BYTES).
+    Densities by eigenvalues are exact, and densities by a network typical; view signatures stand for views,
+    and the shapes are of no kind. Signatures have the shape (c, s), and view signatures (c, SIGNATURE_BYTES).
     """
     densities = typical_densities(len(signatures))
     if not len(sample.views) or not len(signatures):

@@ -4,8 +4,8 @@
 
 Shapes are stored with their classes as tags: those of a labelled folder, or as many machine parts. When all
 neighbours are known, each shape in turn loses its tag and is asked for suggestions. Writes suggestions.csv,
-families.csv and map.png. Exits with status 1 unless of the suggestions of at least each share at least that
-share are right.
+families.csv and map.png. Exits with status 1 unless, from each share on, the suggestions are right at least
+that often.
 """
 
 import time

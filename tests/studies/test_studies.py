@@ -23,7 +23,7 @@ SCRIPTS = {
     "mirrored": (("--limit", "1", "--bodies", "1", "--vertices", "900"), {"mirrored": 2}),
     "words": (("--names", "200", "--times", "200"), {"words": 2}),
     "decisions": (("--groups", "4"), {"decisions": 7}),
-    "suggestions": (("--count", "60"), {"suggestions": 5}),
+    "suggestions": (("--count", "40"), {"suggestions": 5}),
     "capacity": (
         ("--count", "20000", "--rows", "20000"),
         {"bytes": 6, "storing": 2, "search": 2, "graph": 1, "vectors": 16},
