@@ -53,16 +53,15 @@ def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
     """Compute distances between the views of one surface and of c others, shape (c,), in [0, 2].
 
     The distance is 1 less the mean of two similarities. The first is the mean cosine of each view of both
-    with the most similar view of the other. The second compares axes so: the two views of an axis go together with
-    those of another axis, in the better order.
+    with the most similar view of the other. The second compares axes so: the two views of an axis go together
+    with the two of another axis, in the better order.
     """
     cosines = _cosines(query, np.stack(others))
     pairs = cosines.reshape(-1, VIEWS // 2, 2, VIEWS // 2, 2)
     straight = pairs[:, :, 0, :, 0] + pairs[:, :, 1, :, 1]
     crossed = pairs[:, :, 0, :, 1] + pairs[:, :, 1, :, 0]
-    return 1.0 - 0.5 * (
-        _partner_similarity(cosines) + _partner_similarity(0.5 * np.maximum(straight, crossed))
-    )
+    of_axes = 0.5 * np.maximum(straight, crossed)
+    return 1.0 - 0.5 * (_partner_similarity(cosines) + _partner_similarity(of_axes))
 
 
 def _partner_similarity(cosines: Floats) -> Floats:
