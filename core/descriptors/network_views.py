@@ -19,7 +19,7 @@ from core.descriptors.depth_images import depth_images
 from core.descriptors.network import FEATURES, SIZE, network
 from core.descriptors.network_weights import PACKAGE, network_weights
 from core.descriptors.view_frames import NormalisedSurface, directed_axes
-from core.numerics.compilation import compiled
+from core.numerics.compilation import compiled, constant
 
 VIEWS = 6
 """Number of views: along each axis of the frame of the points, and against it."""
@@ -56,7 +56,7 @@ def network_view_distance(query: Int8s, others: Sequence[Int8s]) -> Floats:
     with the most similar view of the other. The second compares axes so: the two views of an axis go together
     with the two of another axis, in the better order.
     """
-    cosines = _cosines(query, np.stack(others))
+    cosines = _cosines(constant(query), np.stack(others))
     pairs = cosines.reshape(-1, VIEWS // 2, 2, VIEWS // 2, 2)
     straight = pairs[:, :, 0, :, 0] + pairs[:, :, 1, :, 1]
     crossed = pairs[:, :, 0, :, 1] + pairs[:, :, 1, :, 0]

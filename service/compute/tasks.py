@@ -16,6 +16,8 @@ from core.arrays import Bytes, Float32s, Floats
 from core.dense.transfer import Transferred, Wanted, transfer
 from core.descriptors.depth_images import depth_images
 from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.network import FEATURES
+from core.descriptors.network_views import VIEWS, network_view_distance
 from core.descriptors.partial import describe_part
 from core.descriptors.registry import EVERYWHERE
 from core.descriptors.views import signature_distance, view_signature
@@ -302,6 +304,8 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
         combined_scores(embedding, embeddings, Scores(none, none, none))
     signatures = np.stack([view_signature(embedding.descriptors["views"]) for embedding in embeddings])
     signature_distance(signatures[0], signatures)
+    views = np.zeros((len(embeddings), VIEWS, FEATURES), dtype=np.int8)
+    network_view_distance(views[0], list(views))
     if matcher_of(parameters).uses_match_records:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
         score_match_records(match_records[0], match_records, parameters)
