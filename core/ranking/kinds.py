@@ -5,6 +5,10 @@ between a shape and its nearest neighbours, mostly other poses of the body, show
 labels. Relevant component analysis whitens them: A. Bar-Hillel, T. Hertz, N. Shental, D. Weinshall, "Learning
 a Mahalanobis metric from equivalence constraints", JMLR 6, 2005. The neighbours by the metric are more often
 poses of the body, and give a better metric.
+
+A metric learned from other individuals would hide what tells them apart. Poses are much nearer by their
+metric than bodies are, individuals are not: so the number of neighbours that are poses is found for each
+kind, and a kind with one pose of each body has no metric.
 """
 
 from dataclasses import dataclass
@@ -31,10 +35,14 @@ BENT = 0.3
 """Poses of one body look different from outside: their views differ by more than this, whereas those of two
 sizes of a screw, which may be as near by eigenvalues, do not."""
 
-NEIGHBOURS = 2
-"""Number of neighbours of each shape that may be poses of its body."""
+NEIGHBOURS = 4
+"""The largest number of neighbours of each shape that are taken for poses of its body."""
 
-ROUNDS = 3
+CONTRAST, RISE = 0.38, 1.15
+"""Neighbours are poses where their contrast is below the first, and at most the second times that of fewer
+neighbours."""
+
+ROUNDS = 5
 """How often the metric of a kind is found: by the nearest eigenvalues first, then by the last metric."""
 
 LEAST_POSES = 5
@@ -125,24 +133,27 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
     _, labels = connected_components(distances < SAME_KIND)
     # A metric for each kind with enough poses.
     distances[distances < COPY] = np.inf
-    shapes, _ = _poses(distances, views)
-    posed = np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES)
-    rows = [np.flatnonzero(labels == label) for label in posed]
-    factors = [_metric(logarithms[row], views[row], distances[np.ix_(row, row)]) for row in rows]
-    members: NDArray[np.bool_] = np.isin(labels, posed)
+    shapes, _ = _poses(distances, views, NEIGHBOURS)
+    factors: dict[int, Floats] = {}
+    for label in np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES).tolist():
+        rows = np.flatnonzero(labels == label)
+        factor = _metric(logarithms[rows], views[rows], distances[np.ix_(rows, rows)])
+        if factor is not None:
+            factors[label] = factor
+    members: NDArray[np.bool_] = np.isin(labels, list(factors))
     return Kinds(
         coordinates[members],
-        np.searchsorted(posed, labels[members]),
-        np.array(factors, dtype=np.float32).reshape(-1, SPECTRUM, SPECTRUM),
+        np.searchsorted(list(factors), labels[members]),
+        np.array(list(factors.values()), dtype=np.float32).reshape(-1, SPECTRUM, SPECTRUM),
     )
 
 
-def _poses(distances: Floats, views: Bytes) -> tuple[Ints, Ints]:
+def _poses(distances: Floats, views: Bytes, count: int) -> tuple[Ints, Ints]:
     """Return pairs of shapes that are poses of one body, by distances of shape (m, m), inf between copies.
 
-    A body's poses are near neighbours that look different; copies show no pose.
+    A body's poses are near ones of the `count` nearest that look different; copies show no pose.
     """
-    neighbours = np.argsort(distances, axis=1, kind="stable")[:, :NEIGHBOURS]
+    neighbours = np.argsort(distances, axis=1, kind="stable")[:, :count]
     near = np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY
     for shape in np.flatnonzero(near.any(axis=1)):
         near[shape] &= view_distance(views[shape], views[neighbours[shape]]) > BENT
@@ -150,18 +161,57 @@ def _poses(distances: Floats, views: Bytes) -> tuple[Ints, Ints]:
     return shapes, neighbours[shapes, ranks]
 
 
-def _metric(logarithms: Floats, views: Bytes, distances: Floats) -> Floats:
-    """Return the Cholesky factor of the covariance of poses of one kind.
+def _metric(logarithms: Floats, views: Bytes, distances: Floats) -> Floats | None:
+    """Return the Cholesky factor of the covariance of poses of one kind; None where no neighbours are poses.
+
+    More neighbours show the covariance better, until they are others than poses, and the contrast rises.
+    """
+    found, least = None, np.inf
+    for count in range(1, NEIGHBOURS + 1):
+        factor, contrast = _metric_of(count, logarithms, views, distances)
+        least = min(least, contrast)
+        if contrast > RISE * least:
+            break
+        if contrast < CONTRAST:
+            found = factor
+    return found
+
+
+def _metric_of(count: int, logarithms: Floats, views: Bytes, distances: Floats) -> tuple[Floats, float]:
+    """Return the factor of the metric that takes `count` neighbours for poses, and their contrast.
 
     Each metric finds more poses of a body among the neighbours than the one before, and fewer of others.
     """
     copies = np.isinf(distances)
     for _ in range(ROUNDS):
-        first, second = _poses(distances, views)
+        first, second = _poses(distances, views, count)
         factor = _factor(logarithms[second] - logarithms[first])
-        whitened = solve_triangular(factor, logarithms.T, lower=True).T
-        distances = np.where(copies, np.inf, SCALE / np.sqrt(SPECTRUM) * cdist(whitened, whitened))
-    return factor
+        distances = np.where(copies, np.inf, _whitened_distances(logarithms, factor))
+    return factor, _contrast(logarithms, first, second, copies)
+
+
+def _contrast(logarithms: Floats, first: Ints, second: Ints, copies: NDArray[np.bool_]) -> float:
+    """Return the median distance of the pairs `first` and `second` over that of all shapes but copies.
+
+    The metric of each half of the pairs measures the other half: the steps between poses are alike for all
+    bodies, so that these stay short, and those between individuals are longer.
+    """
+    if not len(first):
+        return np.inf
+    _, pairs = np.unique(np.sort([first, second], axis=0), axis=1, return_inverse=True)
+    ratios = np.empty(len(first))
+    for half in (0, 1):
+        held = pairs.ravel() % 2 == half
+        factor = _factor(logarithms[second[~held]] - logarithms[first[~held]])
+        distances = _whitened_distances(logarithms, factor)
+        ratios[held] = distances[first[held], second[held]] / np.median(distances[~copies])
+    return float(np.median(ratios))
+
+
+def _whitened_distances(logarithms: Floats, factor: Floats) -> Floats:
+    """Return the distances of m shapes in a metric, shape (m, m)."""
+    whitened = solve_triangular(factor, logarithms.T, lower=True).T
+    return np.asarray(SCALE / np.sqrt(SPECTRUM) * cdist(whitened, whitened))
 
 
 def _factor(steps: Floats) -> Floats:

@@ -7,12 +7,14 @@ from core.arrays import Floats
 from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
 from core.descriptors.views import VIEW_BYTES
 from core.ranking.kinds import (
+    CONTRAST,
     COPY,
     LEAST_POSES,
     MESH_NOISE,
     MESHES,
     NEIGHBOURS,
     NO_KIND,
+    RISE,
     ROUNDS,
     SCALE,
     Kinds,
@@ -24,16 +26,16 @@ from core.spectral.spectral_embedding import SPECTRUM
 BODIES, POSES = 8, 12
 
 
-def posed_bodies(seed: int, centre: float = 0.0) -> Floats:
-    """Log eigenvalues of bodies that differ less than their poses do, shape (BODIES * POSES, SPECTRUM).
+def posed_bodies(seed: int, centre: float = 0.0, *, bodies: int = BODIES, poses: int = POSES) -> Floats:
+    """Log eigenvalues of bodies that differ less than their poses do, shape (bodies * poses, SPECTRUM).
 
     Poses move them along three directions, the same for all bodies.
     """
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(3, SPECTRUM))
-    bodies = centre + rng.normal(scale=0.01, size=(BODIES, 1, SPECTRUM))
-    poses = rng.normal(scale=0.01, size=(BODIES, POSES, 3)) @ directions
-    return (bodies + poses).reshape(-1, SPECTRUM)
+    means = centre + rng.normal(scale=0.01, size=(bodies, 1, SPECTRUM))
+    steps = rng.normal(scale=0.01, size=(bodies, poses, 3)) @ directions
+    return (means + steps).reshape(-1, SPECTRUM)
 
 
 def kinds_of(logarithms: Floats) -> Kinds:
@@ -62,19 +64,55 @@ def test_individuals_are_told_apart_in_poses_that_differ_more_than_they_do() -> 
     assert first_tier(all_distances(logarithms, logarithms)) > 0.8
 
 
-def test_the_metric_is_the_inverse_of_the_covariance_of_poses() -> None:
-    sample = posed_bodies(1)
-    coordinates = eigenvalue_coordinates(sample)
-    plain = np.abs(coordinates[:, None] - coordinates).sum(axis=2)
+def inverse_covariance(sample: Floats, pairs: list[tuple[int, int]]) -> Floats:
+    steps = np.array([sample[b] - sample[a] for a, b in pairs])
     noise = MESH_NOISE**2 * np.diag(np.arange(1, SPECTRUM + 1) / 10) + np.outer(TREND, TREND)
-    pairs = sample[:, None] - sample
+    return np.linalg.inv((steps.T @ steps / 2 + MESHES * noise) / (len(steps) + MESHES))
+
+
+def plain_distances(sample: Floats, inverse: Floats) -> Floats:
+    steps = sample[:, None] - sample
+    squares = ((steps @ inverse) * steps).sum(axis=2)
+    return SCALE * np.sqrt(np.maximum(squares, 0.0) / SPECTRUM)
+
+
+def plain_metric(sample: Floats, count: int) -> tuple[Floats, float]:
+    """Distances by the metric of `count` neighbours, and the contrast."""
+    off_diagonal = ~np.eye(len(sample), dtype=bool)
+    coordinates = eigenvalue_coordinates(sample)
+    distances = np.abs(coordinates[:, None] - coordinates).sum(axis=2)
     for _ in range(ROUNDS):
-        nearest = (plain + 9.0 * np.eye(len(sample))).argsort(axis=1)[:, :NEIGHBOURS]
-        steps = (sample[nearest] - sample[:, None]).reshape(-1, SPECTRUM)
-        covariance = (steps.T @ steps / 2 + MESHES * noise) / (len(steps) + MESHES)
-        squares = np.einsum("abi,ij,abj->ab", pairs, np.linalg.inv(covariance), pairs, optimize=True)
-        plain = SCALE * np.sqrt(np.maximum(squares, 0.0) / SPECTRUM)
-    assert all_distances(sample, sample) == pytest.approx(plain, rel=1e-4, abs=1e-6)
+        nearest = (distances + 9.0 * ~off_diagonal).argsort(axis=1)[:, :count]
+        pairs = [(i, j) for i, row in enumerate(nearest.tolist()) for j in row]
+        distances = plain_distances(sample, inverse_covariance(sample, pairs))
+    halves: list[list[tuple[int, int]]] = [[], []]
+    for number, unordered in enumerate(sorted({(min(pair), max(pair)) for pair in pairs})):
+        halves[number % 2] += [pair for pair in pairs if (min(pair), max(pair)) == unordered]
+    ratios: list[float] = []
+    for held, others in (halves, halves[::-1]):
+        measured = plain_distances(sample, inverse_covariance(sample, others))
+        ratios += [measured[pair] / np.median(measured[off_diagonal]) for pair in held]
+    return distances, float(np.median(ratios))
+
+
+def test_the_metric_is_the_inverse_of_the_covariance_of_as_many_poses_as_there_are() -> None:
+    for poses in (2, 3, 4, 6):
+        sample = posed_bodies(1, bodies=24, poses=poses)
+        metrics = [plain_metric(sample, count) for count in range(1, NEIGHBOURS + 1)]
+        contrasts = np.array([contrast for _, contrast in metrics])
+        rising = contrasts > RISE * np.minimum.accumulate(contrasts)
+        assert contrasts[0] < CONTRAST
+        assert rising.tolist() == [count >= poses for count in range(1, NEIGHBOURS + 1)]
+        plain = metrics[min(poses - 1, NEIGHBOURS) - 1][0]
+        assert all_distances(sample, sample) == pytest.approx(plain, rel=1e-4, abs=1e-6)
+
+
+def test_individuals_with_one_pose_each_make_no_kind() -> None:
+    for seed in range(5):
+        sample = posed_bodies(seed, bodies=24, poses=1)
+        copies = np.concatenate([sample, sample])
+        assert kinds_of(sample).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
+        assert kinds_of(copies).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
 
 
 def test_each_metric_finds_better_poses_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
