@@ -45,8 +45,8 @@ neighbours."""
 ROUNDS = 5
 """How often the metric of a kind is found: by the nearest eigenvalues first, then by the last metric."""
 
-LEAST_POSES = 5
-"""A kind with fewer shapes that have such neighbours has no metric."""
+LEAST_POSES, POSED = 5, 0.5
+"""Least number and share of the shapes of a kind whose nearest neighbour is a pose, if it has a metric."""
 
 MESH_NOISE, MESHES = 0.004, 200
 """Standard deviation of the logarithm of eigenvalue 10 between meshes of one surface, which grows with the
@@ -133,10 +133,12 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
     _, labels = connected_components(distances < SAME_KIND)
     # A metric for each kind with enough poses.
     distances[distances < COPY] = np.inf
-    shapes, _ = _poses(distances, views, NEIGHBOURS)
+    posed, _ = _poses(distances, views, 1)
     factors: dict[int, Floats] = {}
-    for label in np.flatnonzero(np.bincount(labels[np.unique(shapes)]) >= LEAST_POSES).tolist():
+    for label, poses in enumerate(np.bincount(labels[posed]).tolist()):
         rows = np.flatnonzero(labels == label)
+        if poses < max(LEAST_POSES, POSED * len(rows)):
+            continue
         factor = _metric(logarithms[rows], views[rows], distances[np.ix_(rows, rows)])
         if factor is not None:
             factors[label] = factor
