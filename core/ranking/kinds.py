@@ -6,9 +6,8 @@ labels. Relevant component analysis whitens them: A. Bar-Hillel, T. Hertz, N. Sh
 a Mahalanobis metric from equivalence constraints", JMLR 6, 2005. The neighbours by the metric are more often
 poses of the body, and give a better metric.
 
-A metric learned from other individuals would hide what tells them apart. Poses are much nearer by their
-metric than bodies are, individuals are not: so the number of neighbours that are poses is found for each
-kind, and a kind with one pose of each body has no metric.
+By a metric learned from poses, two poses of a body are much nearer than two bodies are. A metric learned from
+other individuals would hide what tells these apart, and mostly shows no such gap: the kind then has none.
 """
 
 from dataclasses import dataclass
@@ -38,15 +37,19 @@ sizes of a screw, which may be as near by eigenvalues, do not."""
 NEIGHBOURS = 4
 """The largest number of neighbours of each shape that are taken for poses of its body."""
 
-CONTRAST, RISE = 0.38, 1.15
-"""Neighbours are poses where their contrast is below the first, and at most the second times that of fewer
-neighbours."""
+RELATIVE_DISTANCE, RISE = 0.38, 1.15
+"""Neighbours are poses where their relative distance is below the first, and at most the second times the
+least of fewer neighbours."""
 
 ROUNDS = 5
 """How often the metric of a kind is found: by the nearest eigenvalues first, then by the last metric."""
 
-LEAST_POSES, POSED = 5, 0.5
-"""Least number and share of the shapes of a kind whose nearest neighbour is a pose, if it has a metric."""
+POSED = 0.6
+"""A kind has a metric only if at least this share of its near neighbours look different."""
+
+FOLDS, MIXING = 3, 1e6
+"""Number of folds of cross-validation. The whole part of a step's length times `MIXING`, modulo `FOLDS`, is a
+pair's fold, whatever the order of the shapes."""
 
 MESH_NOISE, MESHES = 0.004, 200
 """Standard deviation of the logarithm of eigenvalue 10 between meshes of one surface, which grows with the
@@ -132,14 +135,17 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
     distances = cdist(coordinates, coordinates, "cityblock")
     _, labels = connected_components(distances < SAME_KIND)
     # A metric for each kind with enough poses.
-    distances[distances < COPY] = np.inf
-    posed, _ = _poses(distances, views, 1)
     factors: dict[int, Floats] = {}
-    for label, poses in enumerate(np.bincount(labels[posed]).tolist()):
+    for label in np.unique(labels):
         rows = np.flatnonzero(labels == label)
-        if poses < max(LEAST_POSES, POSED * len(rows)):
-            continue
-        factor = _metric(logarithms[rows], views[rows], distances[np.ix_(rows, rows)])
+        # Copies show no pose: the metric is learned from one of each.
+        among = distances[np.ix_(rows, rows)]
+        single = (among < COPY).argmax(axis=1) == np.arange(len(rows))
+        rows, among = rows[single], among[np.ix_(single, single)]
+        np.fill_diagonal(among, np.inf)
+        near = np.count_nonzero(np.sort(among, axis=1)[:, :NEIGHBOURS] < SAME_BODY)
+        posed = len(_poses(among, views[rows], NEIGHBOURS)[0])
+        factor = _metric(logarithms[rows], views[rows], among) if posed and posed >= POSED * near else None
         if factor is not None:
             factors[label] = factor
     members: NDArray[np.bool_] = np.isin(labels, list(factors))
@@ -151,9 +157,9 @@ def kinds_in(logarithms: Floats, views: Bytes) -> Kinds:
 
 
 def _poses(distances: Floats, views: Bytes, count: int) -> tuple[Ints, Ints]:
-    """Return pairs of shapes that are poses of one body, by distances of shape (m, m), inf between copies.
+    """Return pairs of shapes that are poses of one body, by distances of shape (m, m), inf on the diagonal.
 
-    A body's poses are near ones of the `count` nearest that look different; copies show no pose.
+    Poses are those of the `count` nearest shapes that are near and look different.
     """
     neighbours = np.argsort(distances, axis=1, kind="stable")[:, :count]
     near = np.take_along_axis(distances, neighbours, axis=1) < SAME_BODY
@@ -164,49 +170,52 @@ def _poses(distances: Floats, views: Bytes, count: int) -> tuple[Ints, Ints]:
 
 
 def _metric(logarithms: Floats, views: Bytes, distances: Floats) -> Floats | None:
-    """Return the Cholesky factor of the covariance of poses of one kind; None where no neighbours are poses.
+    """Return the Cholesky factor of the covariance of poses of one kind, or None if they do not stand out.
 
-    More neighbours show the covariance better, until they are others than poses, and the contrast rises.
+    More neighbours show the covariance better, until they are others than poses: the relative distance rises.
     """
     found, least = None, np.inf
     for count in range(1, NEIGHBOURS + 1):
-        factor, contrast = _metric_of(count, logarithms, views, distances)
-        least = min(least, contrast)
-        if contrast > RISE * least:
+        factor, relative = _metric_of(count, logarithms, views, distances)
+        least = min(least, relative)
+        if relative > RISE * least:
             break
-        if contrast < CONTRAST:
+        if relative < RELATIVE_DISTANCE:
             found = factor
     return found
 
 
 def _metric_of(count: int, logarithms: Floats, views: Bytes, distances: Floats) -> tuple[Floats, float]:
-    """Return the factor of the metric that takes `count` neighbours for poses, and their contrast.
+    """Return the factor of the metric that takes `count` neighbours for poses, and their relative distance.
 
     Each metric finds more poses of a body among the neighbours than the one before, and fewer of others.
     """
-    copies = np.isinf(distances)
-    for _ in range(ROUNDS):
+    first, second = _poses(distances, views, count)
+    factor = _factor(logarithms[second] - logarithms[first])
+    for _ in range(ROUNDS - 1):
+        distances = _whitened_distances(logarithms, factor)
+        np.fill_diagonal(distances, np.inf)
         first, second = _poses(distances, views, count)
         factor = _factor(logarithms[second] - logarithms[first])
-        distances = np.where(copies, np.inf, _whitened_distances(logarithms, factor))
-    return factor, _contrast(logarithms, first, second, copies)
+    return factor, _relative_distance(logarithms, first, second)
 
 
-def _contrast(logarithms: Floats, first: Ints, second: Ints, copies: NDArray[np.bool_]) -> float:
-    """Return the median distance of the pairs `first` and `second` over that of all shapes but copies.
+def _relative_distance(logarithms: Floats, first: Ints, second: Ints) -> float:
+    """Return the median distance of the pairs `first` and `second` over that of all; inf if there are none.
 
-    The metric of each half of the pairs measures the other half: the steps between poses are alike for all
-    bodies, so that these stay short, and those between individuals are longer.
+    Cross-validation: the metric of the pairs of other folds measures a fold. The steps between poses are
+    alike for all bodies and stay short, and steps between individuals are longer.
     """
     if not len(first):
         return np.inf
-    _, pairs = np.unique(np.sort([first, second], axis=0), axis=1, return_inverse=True)
-    ratios = np.empty(len(first))
-    for half in (0, 1):
-        held = pairs.ravel() % 2 == half
-        factor = _factor(logarithms[second[~held]] - logarithms[first[~held]])
-        distances = _whitened_distances(logarithms, factor)
-        ratios[held] = distances[first[held], second[held]] / np.median(distances[~copies])
+    steps = logarithms[second] - logarithms[first]
+    folds = (MIXING * np.abs(steps).sum(axis=1)).astype(np.int64) % FOLDS
+    ratios = np.empty(len(steps))
+    for fold in range(FOLDS):
+        held = folds == fold
+        distances = _whitened_distances(logarithms, _factor(steps[~held]))
+        others = distances[np.triu_indices(len(distances), 1)]
+        ratios[held] = distances[first[held], second[held]] / np.median(others)
     return float(np.median(ratios))
 
 

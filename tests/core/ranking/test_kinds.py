@@ -7,13 +7,14 @@ from core.arrays import Floats
 from core.descriptors.eigenvalues import TREND, eigenvalue_coordinates
 from core.descriptors.views import VIEW_BYTES
 from core.ranking.kinds import (
-    CONTRAST,
     COPY,
-    LEAST_POSES,
+    FOLDS,
     MESH_NOISE,
     MESHES,
+    MIXING,
     NEIGHBOURS,
     NO_KIND,
+    RELATIVE_DISTANCE,
     RISE,
     ROUNDS,
     SCALE,
@@ -77,7 +78,7 @@ def plain_distances(sample: Floats, inverse: Floats) -> Floats:
 
 
 def plain_metric(sample: Floats, count: int) -> tuple[Floats, float]:
-    """Distances by the metric of `count` neighbours, and the contrast."""
+    """Distances by the metric of `count` neighbours, and the relative distance of these."""
     off_diagonal = ~np.eye(len(sample), dtype=bool)
     coordinates = eigenvalue_coordinates(sample)
     distances = np.abs(coordinates[:, None] - coordinates).sum(axis=2)
@@ -85,11 +86,12 @@ def plain_metric(sample: Floats, count: int) -> tuple[Floats, float]:
         nearest = (distances + 9.0 * ~off_diagonal).argsort(axis=1)[:, :count]
         pairs = [(i, j) for i, row in enumerate(nearest.tolist()) for j in row]
         distances = plain_distances(sample, inverse_covariance(sample, pairs))
-    halves: list[list[tuple[int, int]]] = [[], []]
-    for number, unordered in enumerate(sorted({(min(pair), max(pair)) for pair in pairs})):
-        halves[number % 2] += [pair for pair in pairs if (min(pair), max(pair)) == unordered]
+    folds: list[list[tuple[int, int]]] = [[] for _ in range(FOLDS)]
+    for i, j in pairs:
+        folds[int(MIXING * np.abs(sample[i] - sample[j]).sum()) % FOLDS].append((i, j))
     ratios: list[float] = []
-    for held, others in (halves, halves[::-1]):
+    for held in folds:
+        others = [pair for fold in folds if fold is not held for pair in fold]
         measured = plain_distances(sample, inverse_covariance(sample, others))
         ratios += [measured[pair] / np.median(measured[off_diagonal]) for pair in held]
     return distances, float(np.median(ratios))
@@ -99,20 +101,36 @@ def test_the_metric_is_the_inverse_of_the_covariance_of_as_many_poses_as_there_a
     for poses in (2, 3, 4, 6):
         sample = posed_bodies(1, bodies=24, poses=poses)
         metrics = [plain_metric(sample, count) for count in range(1, NEIGHBOURS + 1)]
-        contrasts = np.array([contrast for _, contrast in metrics])
-        rising = contrasts > RISE * np.minimum.accumulate(contrasts)
-        assert contrasts[0] < CONTRAST
+        relative = np.array([each for _, each in metrics])
+        rising = relative > RISE * np.minimum.accumulate(relative)
+        assert relative[0] < RELATIVE_DISTANCE
         assert rising.tolist() == [count >= poses for count in range(1, NEIGHBOURS + 1)]
         plain = metrics[min(poses - 1, NEIGHBOURS) - 1][0]
         assert all_distances(sample, sample) == pytest.approx(plain, rel=1e-4, abs=1e-6)
 
 
-def test_individuals_with_one_pose_each_make_no_kind() -> None:
-    for seed in range(5):
+def test_individuals_with_one_pose_each_make_no_kind_however_often_they_are_stored() -> None:
+    rng = np.random.default_rng(0)
+    for seed in range(3):
         sample = posed_bodies(seed, bodies=24, poses=1)
-        copies = np.concatenate([sample, sample])
-        assert kinds_of(sample).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
-        assert kinds_of(copies).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
+        for stored in (sample, np.repeat(sample, 2, axis=0), rng.permutation(np.concatenate([sample] * 4))):
+            assert not len(kinds_of(stored).factors)
+
+
+def test_bodies_have_a_metric_beside_individuals_that_have_none() -> None:
+    individuals, bodies = posed_bodies(0, centre=-1.0, bodies=24, poses=1), posed_bodies(0)
+    kinds = kinds_of(np.concatenate([individuals, bodies]))
+    assert kinds.of(individuals).kinds.tolist() == [NO_KIND] * len(individuals)
+    assert kinds.of(bodies).kinds.tolist() == [0] * len(bodies)
+    assert kinds.factors == pytest.approx(kinds_of(bodies).factors, rel=1e-4, abs=1e-6)
+
+
+def test_bodies_that_are_stored_as_two_meshes_keep_their_metric() -> None:
+    sample = posed_bodies(0)
+    remeshed = sample + 0.5 * MESH_NOISE * np.random.default_rng(0).normal(size=sample.shape)
+    views = np.random.default_rng(1).integers(256, size=(len(sample), VIEW_BYTES), dtype=np.uint8)
+    kinds = kinds_in(np.concatenate([sample, remeshed]), np.concatenate([views, views]))
+    assert kinds.of(sample).kinds.tolist() == [0] * len(sample)
 
 
 def test_each_metric_finds_better_poses_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +141,7 @@ def test_each_metric_finds_better_poses_for_the_next(monkeypatch: pytest.MonkeyP
 
 
 def test_distances_do_not_depend_on_the_order_and_another_mesh_is_near() -> None:
-    sample = posed_bodies(2)
+    sample = posed_bodies(8)
     distances = all_distances(sample, sample)
     assert (distances == distances.T).all()
     assert all_distances(sample[::-1], sample) == pytest.approx(distances, rel=1e-4, abs=1e-6)
@@ -145,7 +163,7 @@ def test_shapes_of_two_kinds_of_none_or_without_eigenvalues_have_no_distance() -
 
 def test_copies_and_few_poses_make_no_kind() -> None:
     sample = posed_bodies(5)
-    for few in (sample[:0], sample[: LEAST_POSES - 1], np.repeat(sample[:1], 9, axis=0)):
+    for few in (sample[:0], sample[:4], np.repeat(sample[:1], 9, axis=0)):
         assert kinds_of(few).of(sample).kinds.tolist() == [NO_KIND] * len(sample)
     copies = np.concatenate([sample, sample, sample + 1e-3 * COPY])
     assert first_tier(all_distances(copies, sample)) > 0.8
