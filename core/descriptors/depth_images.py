@@ -11,6 +11,10 @@ FILLED = 0.86
 NEAREST, FARTHEST, EMPTY = 0.7, 0.1, 1.0
 """Brightness of the nearest and of the farthest point of an image, and of the background."""
 
+FLAT = 1e-3
+"""Depths of a smaller range, over the surface's longer side, do not fill the range of brightness: between the
+points of a flat face they are those of rounding."""
+
 
 def depth_images(points: Floats, faces: Ints, axes: Floats, size: int) -> Float32s:
     """Return images along each axis and against it, shape (6, size, size), in [0, 1].
@@ -38,7 +42,7 @@ def depth_images(points: Floats, faces: Ints, axes: Floats, size: int) -> Float3
             covered = np.isfinite(depths)
             if covered.any():
                 most, least = depths[covered].max(), depths[covered].min()
-                share = (depths - least) / max(most - least, 1e-6)
+                share = (depths - least) / max(most - least, FLAT * FILLED * size)
                 image = np.where(covered, FARTHEST + (NEAREST - FARTHEST) * share, EMPTY)
                 images[2 * axis + side] = image[:, ::-1] if side else image
     return images

@@ -16,6 +16,7 @@ from core.descriptors.network import EPSILON, FEATURES, SIZE, STRIDES
 from core.descriptors.network_views import VIEWS, network_view_distance, network_views, session
 from core.descriptors.network_weights import tensors
 from core.descriptors.views import view_surface
+from core.mesh.mesh import Mesh
 from tests.core.shapes import blob, box
 
 
@@ -95,6 +96,13 @@ def test_views_follow_no_rotation_reflection_scale_or_translation():
     for each in (turn, turn * np.array([1.0, 1.0, -1.0])):
         near = network_view_distance(first, [views(uneven, each, 7.0)])[0]
         assert near < 0.05 < 0.3 * network_view_distance(first, [other])[0]
+
+
+def test_the_flat_faces_of_a_turned_part_are_as_flat_as_before():
+    part = box(5, 3, 1)
+    for seed in range(3):
+        turned = Mesh((part.vertices @ rotation(seed)).astype(np.float32).astype(np.float64), part.faces)
+        assert network_view_distance(views(part), [views(turned)])[0] < 1e-3
 
 
 def test_distances_are_those_of_the_definition():
