@@ -59,6 +59,9 @@ a coarse fit: both sides of a plate of another thickness do. So may most probes,
 half of the area lies on the other surface."""
 
 
+EQUAL_SIDES = 0.01
+"""Two sides of a variant's box differ by at most this share: a local difference changes one, if any."""
+
 DRAWN = 0.1
 """Largest difference, of those shares, of the coarse fits of a variant that are refined: a plate that is 1 mm
 longer leaves 0.164 where its holes coincide, and 0.162 where it is turned."""
@@ -247,6 +250,8 @@ def _registered(
             return RigidCopy(scale, mirrored=mirrored, residual=deviation.rms, placing=placing)
         if seeks_variants and _is_local(deviation):
             difference = _difference(first, second, motion, deviation)
+            if not _has_equal_sides(difference):
+                continue
             variant = RigidCopy(
                 scale,
                 mirrored=False,
@@ -275,6 +280,12 @@ def _are_close(first: ProbedSurface, second: ProbedSurface, motion: Similarity) 
 def _is_local(deviation: LocalDeviation) -> bool:
     """Return whether two surfaces are equal but for a part of them."""
     return deviation.share <= LOCAL and deviation.residual <= RESIDUAL
+
+
+def _has_equal_sides(difference: Difference) -> bool:
+    """Return whether two sides of the least box are equal; a flat part has a side of 0."""
+    first, second = map(np.array, difference.sides)
+    return bool((np.abs(second - first) <= EQUAL_SIDES * first).sum() >= 2)
 
 
 def _placing(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Similarity:

@@ -269,6 +269,11 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
     assert found.scale == pytest.approx(2.0, rel=1e-3)
 
 
+def test_another_drawing_with_all_sides_different_is_no_variant() -> None:
+    first, second = (part("bracket", Drawing(number, 0.1)) for number in (50001, 50021))
+    assert judged(first, moved(second, 3)) is None
+
+
 def even(kind: str, level: int) -> Mesh:
     """A smooth body of about 100 mm, with triangles of one size."""
     made = trimesh.creation.icosphere(level, 50.0)
