@@ -1,11 +1,9 @@
 // The selected shapes of the list: tag, move, delete or export all of them.
 
 import { address, ask, changeShape, collection, collections, readShape, version } from "./api.js";
-import { saveTable } from "./csv.js";
 import { deleted, mayDelete } from "./deleted.js";
 import { button, byId, countOf, make, messageOf } from "./dom.js";
 import { parametersOf, tagsIn } from "./fields.js";
-import { save, zip } from "./zip.js";
 
 /** @import { Shape, ShapePage, Suggestions } from "./types.js" */
 
@@ -187,7 +185,8 @@ const ACTIONS = {
     finish(gone);
     if (gone.length > 0) deleted(...gone);
   },
-  table: () => saveTable("shapes.csv", table([...selected.values()])),
+  // What writes files is loaded with the first export.
+  table: async () => (await import("./csv.js")).saveTable("shapes.csv", table([...selected.values()])),
   files: async () => {
     /** @type {Map<string, ArrayBuffer>} */
     const files = new Map();
@@ -195,6 +194,7 @@ const ACTIONS = {
       const answer = await ask(address(`shapes/${id}/file`, { format: format.value }));
       files.set(freeName(nameIn(answer.headers.get("Content-Disposition") ?? ""), files), await answer.arrayBuffer());
     });
+    const { save, zip } = await import("./zip.js");
     if (files.size > 0) save("shapes.zip", await zip([...files].map(([name, data]) => ({ name, data }))));
   },
 };
