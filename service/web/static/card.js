@@ -61,13 +61,19 @@ const SCORES = [["cc", "CC"], ["ssd", "SSD"], ["sim", "sim"], ["combined", "comb
 export function card(title, lines, scores, ...more) {
   const canvas = make("canvas", { tabIndex: 0 });
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `${title} in 3D. The arrow keys rotate it, plus and minus zoom.`);
-  const parts = [canvas, make("h3", {}, title), ...lines.map((line) => make("p", {}, line)), ...more];
+  const heading = make("h3", {});
+  /** @param {string} text Of the card, from now on. */
+  const retitle = (text) => {
+    heading.textContent = text;
+    canvas.setAttribute("aria-label", `${text} in 3D. The arrow keys rotate it, plus and minus zoom.`);
+  };
+  retitle(title);
+  const parts = [canvas, heading, ...lines.map((line) => make("p", {}, line)), ...more];
   if (scores) {
     const change = make("p", { className: "change" }, scores.difference?.text ?? "");
     parts.splice(2, 0, make("p", { className: "likeness" }, verdict(scores)), change);
   }
-  return { canvas, item: make("li", {}, ...parts) };
+  return { canvas, item: make("li", {}, ...parts), retitle };
 }
 
 /**

@@ -16,6 +16,8 @@ const open = byId("edit-open", HTMLButtonElement);
 const rows = byId("edit-metadata", HTMLElement);
 const errorBox = byId("edit-error", HTMLElement);
 
+const { canvas, item, retitle } = card("", [], null);
+
 /** @type {Shape} */
 let shape;
 
@@ -31,7 +33,6 @@ export async function showShape(id) {
     suggest();
     showPaths(id).catch((error) => showError(errorBox, error));
   }
-  const { canvas, item } = card(shape.name, [], null);
   byId("cards", HTMLElement).append(item);
   showSingle(canvas, readGlb(await storedGlb(id)));
 }
@@ -41,6 +42,7 @@ function showRecord(read) {
   shape = read;
   const { name, tags, metadata, format, bytes, created_at, updated_at } = shape;
   byId("title", HTMLElement).textContent = document.title = name;
+  retitle(name);
   byId("shape-tags", HTMLElement).replaceChildren(...tags.map((tag) => make("a", { href: address("", { view: "browse", tag }) }, tag)));
   list("facts", [
     ...measures(shape, null),

@@ -57,6 +57,8 @@ def test_a_shape_is_edited_on_its_own_page(visit: Visit, service: Running) -> No
     page.get_by_role("button", name="Save").click()
     expect(page.locator("#title")).to_have_text("renamed.ply")
     assert page.title() == "renamed.ply"
+    expect(page.locator("#cards h3")).to_have_text("renamed.ply")
+    expect(page.get_by_role("img", name="renamed.ply in 3D.")).to_be_visible()
     expect(page.locator("#edit")).to_be_hidden()
     read = service.client.get(f"/shapes/{shape['id']}").json()
     assert (read["name"], read["tags"]) == ("renamed.ply", ["fish", "checked"])
