@@ -9,7 +9,7 @@ import { allowChanges, openGallery, reload } from "./gallery.js";
 import { openLibrary } from "./library.js";
 import { openMap } from "./map.js";
 import { allowPaths } from "./paths.js";
-import { openSelection } from "./selection.js";
+import { forget, openSelection } from "./selection.js";
 import { current, go, linkTo, moved, opensElsewhere } from "./state.js";
 import "./tags.js";
 import { openJobs, store } from "./upload.js";
@@ -129,7 +129,13 @@ async function enter(own) {
   allowDeletions(full);
   allowPaths(full);
   // First, because the deletion dialog says how long a shape can be restored.
-  if (full) await openDeleted(() => (shownView() === "duplicates" ? show() : reload()));
+  if (full) {
+    await openDeleted(() => {
+      forget();
+      if (shownView() === "duplicates") show();
+      else reload();
+    });
+  }
   for (const part of document.querySelectorAll("[data-needs=full]")) {
     /** @type {HTMLElement} */ (part).hidden = !full;
   }

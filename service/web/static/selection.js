@@ -44,11 +44,16 @@ export function unselect(id) {
   show();
 }
 
+/** Tell no longer what was done. */
+export function forget() {
+  status.textContent = "";
+  show();
+}
+
 /** Show another selection, of which nothing is told yet. */
 function clear() {
-  status.textContent = "";
   suggested.replaceChildren();
-  show();
+  forget();
 }
 
 /** Show how many are selected, and their boxes. */

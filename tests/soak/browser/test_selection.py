@@ -120,6 +120,8 @@ def test_selected_shapes_are_deleted_and_restored_together(visit: Visit, service
     )
     page.get_by_role("button", name="Undo: restore 2 shapes").click()
     expect(page.locator("#undo")).to_have_text("2 shapes were restored.")
+    expect(page.locator("#selection")).to_be_hidden()
+    told(page, "")
     expect(page.locator("#gallery li")).to_have_count(6)
     assert [shape["id"] for shape in stored(service)] == [shape["id"] for shape in before]
 
