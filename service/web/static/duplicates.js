@@ -182,9 +182,12 @@ async function settle(members, decision) {
 
 /** The filters of the form, as a rule has them. */
 function filters() {
-  const { q, tag, ...switches } = Object.fromEntries(parametersOf(form));
-  const { scaled, mirrored, variants } = switches;
-  return { q: q ?? null, tag: tagsIn(tag ?? ""), scaled: scaled === "true", mirrored: mirrored !== "false", variants: variants === "true" };
+  const parameters = parametersOf(form);
+  const { tag, scaled, mirrored, variants, decided, ...others } = Object.fromEntries(parameters);
+  return {
+    ...others, tag: tagsIn(tag ?? ""), metadata: parameters.getAll("metadata"),
+    scaled: scaled === "true", mirrored: mirrored !== "false", variants: variants === "true",
+  };
 }
 
 /** Tell how many groups are of the same part, and ask which shape of each to keep. */

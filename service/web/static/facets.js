@@ -20,6 +20,8 @@ export async function showFacets(parameters) {
   const wanted = new URLSearchParams(parameters);
   wanted.delete("sort");
   const own = (shown = wanted.toString());
+  // A list of one file needs no facets, and they take no hash.
+  if (wanted.has("sha256")) return groups.replaceChildren();
   wanted.set("limit", String(SHOWN));
   try {
     /** @type {Facets} */

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from service.shapes.endpoints import PageOptions, ShapeListing
+from service.shapes.schemas import Filters
 from service.web import endpoints as assets
 from tests.service.support import Running, assert_problem
 
@@ -43,6 +45,29 @@ def test_the_first_load_is_small_and_without_the_3d_library() -> None:
     assert "vendor/three.js" not in first
     assert "vendor/three.js" in needed("index.html", later=True)
     assert sum(len(assets.load(name).packed) for name in first) < 50_000
+
+
+@pytest.mark.parametrize(
+    ("form", "filters"),
+    [
+        ("find-form", {*Filters.model_fields, "exclude", "min_cc", "scale"}),
+        ("gallery-form", {*Filters.model_fields, *ShapeListing.model_fields} - {*PageOptions.model_fields}),
+        ("map-form", {*Filters.model_fields}),
+        ("duplicates-form", {*Filters.model_fields}),
+    ],
+)
+def test_every_filter_of_an_address_has_a_field_or_is_shown_without_one(form: str, filters: set[str]) -> None:
+    found = re.search(
+        rf'<form id="{form}" data-filters="([^"]*)"(.*?)</form>',
+        (STATIC / "index.html").read_text(),
+        re.DOTALL,
+    )
+    assert found is not None
+    without, fields = found[1].split(), re.findall(r' name="(\w+)"', found[2])
+    assert len({*without, *fields}) == len(without) + len(fields)
+    assert filters <= {*without, *fields}
+    titles = re.findall(r'^  (\w+): "[^"]+",$', (STATIC / "fields.js").read_text(), re.MULTILINE)
+    assert set(without) <= set(titles)
 
 
 @pytest.mark.parametrize("name", [*PAGES, *OWN_SCRIPTS, "style.css"])

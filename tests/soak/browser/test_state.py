@@ -5,8 +5,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from core.gallery import make_shape
+from core.io import write_mesh
 from tests.service.support import Running
-from tests.soak.browser.support import PHONE, Visit, box_of, drawn, file_in, made, stored
+from tests.soak.browser.support import PHONE, Visit, box_of, drawn, file_in, made, serious, stored
+from tests.studies.copies import moved
 
 
 def shown_names(page: Page) -> list[str]:
@@ -113,6 +116,55 @@ def test_a_link_leads_to_the_same_results(visit: Visit, service: Running) -> Non
     assert other.input_value("#find-tags") == "fish"
     other.goto(f"{visit.here}/?view=browse&tag=glasses")
     expect(other.locator("#gallery li")).to_have_count(3)
+
+
+def test_a_filter_of_the_address_without_a_field_filters_until_it_is_removed(
+    visit: Visit, service: Running
+) -> None:
+    page = visit.open("browse", name="fish-1")
+    shown = page.locator("#gallery .name")
+    expect(shown).to_have_text(["fish-1.ply"])
+    expect(page.locator("#facet-groups li").first).to_contain_text("1")
+    assert serious(page) == []
+    page.fill("#gallery-words", "glasses")
+    expect(page.locator("#gallery-status")).to_have_text("No stored shape matches.")
+    assert "name=fish-1" in page.url
+    page.fill("#gallery-words", "fish")
+    expect(shown).to_have_text(["fish-1.ply"])
+    page.get_by_role("button", name="Remove the filter Name: fish-1").click()
+    expect(shown).to_have_text(["fish-0.ply", "fish-1.ply", "fish-2.ply"])
+    expect(page.locator("#gallery-words")).to_be_focused()
+    assert page.url.endswith("/?view=browse&q=fish")
+    fish = stored(service, tag="fish")
+    page = visit.open("browse", sha256=fish[2]["sha256"])
+    expect(shown).to_have_text(["fish-2.ply"])
+    page = visit.open("map", name="fish", file_format="ply")
+    expect(page.locator("#map a")).to_have_count(3)
+    page.get_by_role("button", name="Remove the filter Name: fish").click()
+    expect(page.locator("#map a")).to_have_count(6)
+    assert page.url.endswith("/?view=map&file_format=ply")
+    page.goto(f"{visit.here}/?shape_id={fish[0]['id']}&name=fish&exclude={fish[1]['id']}&exclude=")
+    drawn(page, 2)
+    assert shown_names(page) == ["fish-2.ply"]
+    page.get_by_role("button", name=f"Remove the filter Without: {fish[1]['id']}").click()
+    drawn(page, 3)
+    assert sorted(shown_names(page)) == ["fish-1.ply", "fish-2.ply"]
+
+
+def test_a_filter_of_the_address_limits_what_is_merged(visit: Visit, service: Running) -> None:
+    service.store(write_mesh(moved(make_shape("fish", 0), 1), "ply"), "copy.ply")
+    page = visit.page
+    page.goto(f"{visit.here}/?view=duplicates&name=glasses&metadata=source%3Dscan&metadata=year%3D2024")
+    expect(page.locator("#duplicates-status")).to_have_text("No duplicates among 0 shapes.")
+    merge = page.get_by_role("button", name="Merge groups of the same part")
+    merge.click()
+    expect(page.locator("#duplicates-decided")).to_have_text("No undecided group has the same part only.")
+    assert serious(page) == []
+    for text in ("Metadata: year=2024", "Name: glasses", "Metadata: source=scan"):
+        page.get_by_role("button", name=f"Remove the filter {text}").click()
+    expect(page.locator("#duplicates > li")).to_have_count(1)
+    merge.click()
+    expect(page.locator("#merge-text")).to_contain_text("1 undecided group of the same part: ")
 
 
 def test_a_link_to_a_deleted_shape_says_so(visit: Visit) -> None:
