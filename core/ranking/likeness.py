@@ -26,6 +26,9 @@ Copy = Literal["same", "scaled", "mirrored", "variant"]
 SAME_SIZE = 0.03
 """Two copies have one size if their scale differs from 1 by at most this."""
 
+TOLD_SIZE = 0.001
+"""Words tell the scale of a copy that differs from 1 by more than this."""
+
 NEAR_ISOMETRIC = 0.07
 """Largest `core.ranking.shortlist.isometry_distance` of two nearly isometric surfaces.
 
@@ -51,6 +54,11 @@ def copy_likeness(scale: float, *, mirrored: bool, variant: bool = False) -> Cop
     if mirrored:
         return "mirrored"
     return "same" if max(scale, 1.0 / scale) <= 1.0 + SAME_SIZE else "scaled"
+
+
+def size_is_told(scale: float) -> bool:
+    """Return whether words tell the scale of a copy: its size differs."""
+    return max(scale, 1.0 / scale) > 1.0 + TOLD_SIZE
 
 
 def may_be_pose(isometry: float, cc: float) -> bool:

@@ -4,7 +4,7 @@ import math
 
 from pydantic import BaseModel, ConfigDict, Field, computed_field
 
-from core.ranking.likeness import copy_likeness
+from core.ranking.likeness import size_is_told
 
 Coordinates = tuple[float, float, float]
 
@@ -63,8 +63,7 @@ class LocalDifference(BaseModel):
         changes = self._holes() + self._lengths() or [
             f"surfaces up to {_rounded(self.distance, digits)} apart"
         ]
-        scaled = copy_likeness(self.scale, mirrored=False) == "scaled"
-        begin = "at equal size: " if scaled else ""
+        begin = "at equal size: " if size_is_told(self.scale) else ""
         return f"{begin}{', '.join(changes)}, at ({place}), in a box of {box}; {more}"
 
     def reverse(self) -> "LocalDifference":

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, copy_likeness
+from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SAME_SIZE, SIMILAR, Likeness, size_is_told
 from service.collection import CollectionRecord
 from service.http.problem_document import Cause
 from service.search.local_difference import LocalDifference
@@ -110,9 +110,9 @@ def likeness_in_words(
     if instances is not None:
         return instances.text
     words = LIKENESS_WORDS[likeness]
-    if scale is not None and copy_likeness(scale, mirrored=False) == "scaled":
-        # Three digits; the second format writes 1000 without an exponent.
-        words += f", {float(f'{scale:.3g}'):g} times as large"
+    if scale is not None and size_is_told(scale):
+        # Four digits; the second format writes 10000 without an exponent.
+        words += f", {float(f'{scale:.4g}'):g} times as large"
     return words if difference is None else f"{words}: {difference.text}"
 
 

@@ -20,7 +20,7 @@ const WORDS = {
  * The likeness of a rigid copy, such as "Same part, 1.5 times as large".
  * @param {{ likeness: string, scale: number | null }} copy
  */
-export const copyVerdict = ({ likeness, scale }) => WORDS[likeness] + (likeness === "same" ? "" : size(scale));
+export const copyVerdict = ({ likeness, scale }) => WORDS[likeness] + size(scale);
 
 /**
  * Such as "Same part, 1.5 times as large", "Another pose" or "Similar: 91 %".
@@ -32,9 +32,9 @@ export function verdict(scores) {
   return copy ? copyVerdict(scores) : `${WORDS[scores.likeness]}: ${percent(scores.combined)}`;
 }
 
-/** @param {number | null} scale Copies whose sizes differ by at most 3 % have one size. */
-const size = (scale) => scale === null || Math.abs(Math.log(scale)) <= Math.log(1.03) ? ""
-  : `, ${Number(scale.toPrecision(3))} times as large`;
+/** @param {number | null} scale The size of a copy is told if it differs by more than 0.1 %. */
+const size = (scale) => scale === null || Math.max(scale, 1 / scale) <= 1.001 ? ""
+  : `, ${Number(scale.toPrecision(4))} times as large`;
 
 /** @param {number} share */
 function percent(share) {

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from core.io import read_mesh, write_mesh
+from core.mesh.mesh import Mesh
 from service.client import Client
 from tests.service.cli.conftest import Run, mesh_bytes
 from tests.service.support import small_file
@@ -42,6 +43,13 @@ def test_a_file_and_a_stored_shape(archive: Client, ball: Path, run: Run, tmp_pa
         assert arrays["confidence"].shape == (count,)
     with Image.open(tmp_path / "map.png") as picture:
         assert picture.size == (1024, 512)
+
+
+def test_the_size_of_a_copy_is_told(archive: Client, ball: Path, run: Run, tmp_path: Path) -> None:
+    mesh = read_mesh(small_file(1), "off")
+    (tmp_path / "larger.off").write_bytes(write_mesh(Mesh(1.029 * mesh.vertices, mesh.faces), "off"))
+    done = run("compare", ball, tmp_path / "larger.off", "--url", archive.url)
+    assert done.stdout.startswith("Same part, 1.029 times as large: cc 1.0000, ")
 
 
 def test_a_variant_says_what_differs(archive: Client, run: Run, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_the_reverse_of_a_difference_has_the_other_words() -> None:
 
 
 def test_the_difference_follows_the_likeness_and_the_size() -> None:
-    assert likeness_in_words("variant", 1.01, HOLE) == f"Variant: {HOLE.text}"
+    assert likeness_in_words("variant", 1.001, HOLE) == f"Variant: {HOLE.text}"
     larger = HOLE.model_copy(update={"scale": 1.5})
     assert (
         likeness_in_words("variant", 1.5, larger)

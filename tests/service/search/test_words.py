@@ -6,7 +6,7 @@ from typing import get_args
 
 import pytest
 
-from core.ranking.likeness import Likeness
+from core.ranking.likeness import TOLD_SIZE, Likeness
 from service.search.schemas import LIKENESS_WORDS, likeness_in_words, score_in_words
 
 SCRIPT = Path(__file__).parents[3] / "service" / "web" / "static" / "card.js"
@@ -21,8 +21,16 @@ def test_the_page_has_the_same_words() -> None:
     assert dict(found) == LIKENESS_WORDS
 
 
+def test_the_page_tells_the_same_sizes() -> None:
+    assert f"Math.max(scale, 1 / scale) <= {1 + TOLD_SIZE} ?" in SCRIPT.read_text()
+
+
 def test_the_size_is_told_where_it_differs() -> None:
-    assert likeness_in_words("same", 0.99) == "Same part"
+    assert likeness_in_words("same", 1.001) == likeness_in_words("same", 1 / 1.001) == "Same part"
+    assert likeness_in_words("same", 1.0012) == "Same part, 1.001 times as large"
+    assert likeness_in_words("same", 1.029) == "Same part, 1.029 times as large"
+    assert likeness_in_words("same", 0.99) == "Same part, 0.99 times as large"
+    assert likeness_in_words("variant", 1.01) == "Variant, 1.01 times as large"
     assert likeness_in_words("scaled", 1.5) == "Same part, 1.5 times as large"
     assert likeness_in_words("scaled", 25.400001) == "Same part, 25.4 times as large"
     assert likeness_in_words("scaled", 1000.0001) == "Same part, 1000 times as large"

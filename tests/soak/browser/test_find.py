@@ -63,6 +63,7 @@ def test_a_file_finds_the_three_most_alike(visit: Visit, service: Running, tmp_p
     ("factors", "line"),
     [
         ((1, 1, 1), "Same part"),
+        ((1 / 1.029, 1 / 1.029, 1 / 1.029), "Same part, 1.029 times as large"),
         ((2, 2, 2), "Same part, 0.5 times as large"),
         ((1, 1, -1), "Mirror image"),
         ((-0.5, 0.5, 0.5), "Mirror image, 2 times as large"),
