@@ -172,8 +172,9 @@ def painted_distances(
     """Return two meshes in the frame of the first, each painted by its distance from the other, as `painted`.
 
     `placing` maps the second mesh onto the first; `registered` tells whether it is that of a copy or variant.
-    The extras of each node have the `quantity` "distance", `registered`, the `largest` distance that sampling
-    does not explain, and the `maximum` of the scale, both in units of the first mesh.
+    The extras of each node have the `quantity` "distance", `registered`, the `size` of the second mesh over
+    that of the first, the `largest` distance that sampling does not explain, and the `maximum` of the scale,
+    both in units of the first mesh and at its size.
     """
     return _drawn(_distance_parts(pair, placing, registered, faces), size)
 
@@ -226,7 +227,7 @@ def _distance_parts(
     for part, mesh, one, scale in zip(parts, meshes, both, scales, strict=True):
         colours = opaque(scale_colours(one.deviating * scale * one.distances / (maximum or 1.0)))
         facts = {"quantity": "distance", "registered": registered, "largest": scale * one.largest}
-        facts |= {"maximum": maximum, **part.facts}
+        facts |= {"maximum": maximum, "size": 1.0 / placing.scale, **part.facts}
         painted_parts.append(GlbPart(part.name, pair[0].format, mesh, facts, colours, common))
     return painted_parts
 

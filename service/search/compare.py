@@ -94,8 +94,9 @@ class CompareParameters(NamedInAddress):
         "the first shape; places of the second without a partner are grey. difference: from grey over orange "
         "to brown; of rigid shapes, in the frame of the first, by the distance from the other surface, grey "
         "where the errors of the meshes explain it. The extras of each node of a GLB have the quantity "
-        "distance, the largest distance and the maximum of the scale, in units of the first, and whether the "
-        "two are registered as copies or variants. Of bodies that bend, by the quantity stretch; places "
+        "distance, the largest distance and the maximum of the scale, in units of the first and at its size, "
+        "the size of the second over that of the first, and whether the two are registered as copies or "
+        "variants. Of bodies that bend, by the quantity stretch; places "
         "without a partner are blue.",
     )
 

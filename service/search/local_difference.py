@@ -4,7 +4,7 @@ import math
 
 from pydantic import BaseModel, ConfigDict, Field, computed_field
 
-from core.ranking.likeness import size_is_told
+from core.ranking.likeness import TOLD_SIZE, size_is_told
 
 Coordinates = tuple[float, float, float]
 
@@ -49,7 +49,8 @@ class LocalDifference(BaseModel):
 
     @computed_field(  # type: ignore[prop-decorator]
         description="How the second differs from the first, in words: through holes, lengths or the largest "
-        "distance; the middle and the size of the box; the volume, or the area of open surfaces."
+        "distance; the middle and the size of the box; the volume, or the area of open surfaces. It begins "
+        f"with the words at equal size if the sizes differ by more than {100 * TOLD_SIZE:.1f} %."
     )
     @property
     def text(self) -> str:

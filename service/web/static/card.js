@@ -32,9 +32,12 @@ export function verdict(scores) {
   return copy ? copyVerdict(scores) : `${WORDS[scores.likeness]}: ${percent(scores.combined)}`;
 }
 
-/** @param {number | null} scale The size of a copy is told if it differs by more than 0.1 %. */
-const size = (scale) => scale === null || Math.max(scale, 1 / scale) <= 1.001 ? ""
-  : `, ${Number(scale.toPrecision(4))} times as large`;
+/** @param {number} scale The size of a copy is told if it differs by more than 0.1 %. */
+export const sizeIsTold = (scale) => Math.max(scale, 1 / scale) > 1.001;
+
+/** @param {number | null} scale */
+const size = (scale) => scale !== null && sizeIsTold(scale)
+  ? `, ${Number(scale.toPrecision(4))} times as large` : "";
 
 /** @param {number} share */
 function percent(share) {

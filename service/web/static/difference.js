@@ -1,6 +1,7 @@
 // Where each result differs from the query: painted, side by side, or one over the other.
 
 import { address, ask, formWith } from "./api.js";
+import { sizeIsTold } from "./card.js";
 import { byId, make } from "./dom.js";
 import { readPaintings } from "./glb.js";
 import { PLAIN } from "./matching.js";
@@ -25,10 +26,11 @@ async function paintings(first, second) {
  * @param {Painting} painting
  */
 function told({ extras }) {
-  const { quantity, registered, maximum = 0, without_partner: without = 0 } = extras;
+  const { quantity, registered, maximum = 0, size = 1, without_partner: without = 0 } = extras;
   if (quantity === "distance") {
-    const most = maximum > 0 ? `Brown: ${Number(maximum.toPrecision(3))} in the unit of the query`
-      : "No difference beyond the errors of the meshes";
+    const equal = sizeIsTold(size) ? ", at equal size" : "";
+    const most = (maximum > 0 ? `Brown: ${Number(maximum.toPrecision(3))} in the unit of the query`
+      : "No difference beyond the errors of the meshes") + equal;
     return registered ? most : `Neither a copy nor a variant; laid on the query as well as it fits. ${most}`;
   }
   const most = "Bent. Brown: twice or half as long as elsewhere";

@@ -46,6 +46,7 @@ function modelOf(data, tree, bytes, node) {
  * @property {string} quantity
  * @property {boolean} [registered]
  * @property {number} [maximum]
+ * @property {number} [size] That of the second over that of the first; both are compared in one size.
  * @property {number} [without_partner]
  */
 

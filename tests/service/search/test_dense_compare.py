@@ -153,6 +153,7 @@ def test_a_missing_leg_is_painted_by_its_distance(shared: Running) -> None:
     extras, points, colours = in_frame_of_first(found)
     assert [each["quantity"] for each in extras] == ["distance", "distance"]
     assert not any(each["registered"] for each in extras)
+    assert [each["size"] for each in extras] == pytest.approx([25.4, 25.4], rel=1e-3)
     # The middle of the socket is 0.1 from its rim, and the far edge of the foot 0.9 from the next leg.
     assert [each["largest"] for each in extras] == pytest.approx([0.1, 0.9], rel=0.01)
     assert [each["maximum"] for each in extras] == pytest.approx([0.9, 0.9], rel=0.01)

@@ -67,6 +67,17 @@ def test_the_difference_follows_the_likeness_and_the_size() -> None:
     assert larger.reverse().text == f"at equal size: {HOLE.reverse().text}"
 
 
+@pytest.mark.parametrize("scale", [0.9726, 0.9985, 1.0015, 1.029])
+def test_lengths_of_another_size_are_told_as_such(scale: float) -> None:
+    """Parts whose sizes differ by less than 3 % count as of one size, and lengths tell them apart."""
+    assert HOLE.model_copy(update={"scale": scale}).text == f"at equal size: {HOLE.text}"
+
+
+@pytest.mark.parametrize("scale", [0.9998, 1.0002])
+def test_the_error_of_a_scale_is_no_other_size(scale: float) -> None:
+    assert HOLE.model_copy(update={"scale": scale}).text == HOLE.text
+
+
 LENGTH, DEPTH, THICK, RADIUS = 60.0, 40.0, 6.0, 4.0
 HOLES = [(12.0, 10.0), (47.0, 12.0), (30.0, 28.0)]
 

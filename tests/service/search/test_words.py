@@ -22,7 +22,7 @@ def test_the_page_has_the_same_words() -> None:
 
 
 def test_the_page_tells_the_same_sizes() -> None:
-    assert f"Math.max(scale, 1 / scale) <= {1 + TOLD_SIZE} ?" in SCRIPT.read_text()
+    assert f"Math.max(scale, 1 / scale) > {1 + TOLD_SIZE};" in SCRIPT.read_text()
 
 
 def test_the_size_is_told_where_it_differs() -> None:
