@@ -53,7 +53,8 @@ class GroupMember:
     """A shape of a group, its relation to the first shape, and the cc and residual of its link.
 
     `mirrored` tells whether it is a mirror image of the first shape or a variant of one. The `difference` of
-    a variant is that from the shape `compared_with`: the first shape if a link joins the two.
+    a variant is that from the shape `compared_with`: the first shape if a link joins the two. It is in the
+    coordinates and units of the older of the two.
     """
 
     shape: int
@@ -140,12 +141,13 @@ def _neighbour(member: GroupMember, link: Link) -> GroupMember:
     forward = link.first == member.shape
     scale = member.scale * (link.scale if forward else 1.0 / link.scale)
     mirrored = member.mirrored != link.mirrored
-    difference, compared_with = member.difference, member.compared_with
+    shape = link.second if forward else link.first
+    difference, compared_with = _of_copy(member, shape, scale / member.scale), member.compared_with
     if link.difference is not None:
         difference = LocalDifference.model_validate({**link.difference, "scale": link.scale})
         difference, compared_with = difference if forward else difference.reverse(), member.shape
     return GroupMember(
-        shape=link.second if forward else link.first,
+        shape=shape,
         likeness=copy_likeness(
             scale, mirrored=mirrored, variant=link.variant or member.likeness == "variant"
         ),
@@ -156,6 +158,22 @@ def _neighbour(member: GroupMember, link: Link) -> GroupMember:
         difference=difference,
         compared_with=compared_with,
     )
+
+
+def _of_copy(member: GroupMember, copy: int, scale: float) -> LocalDifference | None:
+    """Return the difference of a copy of a member, `scale` times as large, from the shape compared with.
+
+    Links have no transforms: coordinates of the member are left out.
+    """
+    if member.difference is None or member.compared_with is None:
+        return None
+    other = member.compared_with
+    difference = member.difference.model_copy(update={"scale": scale * member.difference.scale})
+    before, after = min(member.shape, other), min(copy, other)
+    if before == after:
+        return difference
+    sizes = {other: 1.0, member.shape: member.difference.scale, copy: difference.scale}
+    return difference.without_place(sizes[after] / sizes[before])
 
 
 def undecided(

@@ -51,8 +51,9 @@ class Duplicate(BaseModel):
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
     difference: LocalDifference | None = Field(
         default=None,
-        description="If likeness is variant: what the shape has that the shape `compared_with` has not. The "
-        "coordinates are those of the older of the two.",
+        description="If likeness is variant: what the shape has that the shape `compared_with` has not. "
+        "Coordinates and lengths are those of the older of the two; coordinates are null where only those of "
+        "a copy of one of the two are known.",
     )
     compared_with: str | None = Field(
         default=None,

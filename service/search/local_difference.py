@@ -21,7 +21,10 @@ LEAST_RATIO = 5e-5
 
 
 class LocalDifference(BaseModel):
-    """Where two shapes differ that are rigid copies elsewhere, and how much."""
+    """Where two shapes differ that are rigid copies elsewhere, and how much.
+
+    Coordinates and lengths are those of the first shape; of duplicates, those of the older one.
+    """
 
     model_config = ConfigDict(from_attributes=True)
 
@@ -29,13 +32,26 @@ class LocalDifference(BaseModel):
         default=1.0,
         description="The size of the second over that of the first; both are compared in one size.",
     )
-    point: Coordinates = Field(description="Where they are farthest apart, in the first shape's coordinates.")
-    low: Coordinates = Field(description="The corner of least coordinates of a box around all differences.")
-    high: Coordinates = Field(description="The corner of largest coordinates of this box.")
-    distance: float = Field(description="The largest distance of the two surfaces, in the first's units.")
+    point: Coordinates | None = Field(
+        default=None,
+        description="Where they are farthest apart, in the first shape's coordinates; of duplicates, in "
+        "those of the older shape, or null where these are unknown.",
+    )
+    low: Coordinates | None = Field(
+        default=None,
+        description="The corner of least coordinates of a box around all differences; null without `point`.",
+    )
+    high: Coordinates | None = Field(
+        default=None, description="The corner of largest coordinates of this box; null without `point`."
+    )
+    distance: float = Field(
+        description="The largest distance of the two surfaces, in the first's units; of duplicates, in those "
+        "of the older shape."
+    )
     sides: tuple[Coordinates, Coordinates] = Field(
-        description="Length, width and height of the least box around the first, and the extents of the "
-        "second along them; in the first's units, both in one size."
+        description="The extents of the first and of the second along the length, width and height of the "
+        "least box around the first, or, of duplicates, around one of them; in the units of `distance`, both "
+        "in one size."
     )
     volume: float | None = Field(
         default=None,
@@ -49,26 +65,22 @@ class LocalDifference(BaseModel):
 
     @computed_field(  # type: ignore[prop-decorator]
         description="How the second differs from the first, in words: through holes, lengths or the largest "
-        "distance; the middle and the size of the box; the volume, or the area of open surfaces. It begins "
-        f"with the words at equal size if the sizes differ by more than {100 * TOLD_SIZE:.1f} %."
+        "distance; the middle and the size of the box, if they are known; the volume, or the area of open "
+        "surfaces. It begins with the words at equal size if the sizes differ by more than "
+        f"{100 * TOLD_SIZE:.1f} %."
     )
     @property
     def text(self) -> str:
         """The difference in words: "4 through holes instead of 3, at (10, 5, 0), ..."."""
-        middle = [0.5 * (low + high) for low, high in zip(self.low, self.high, strict=True)]
-        sides = [high - low for low, high in zip(self.low, self.high, strict=True)]
-        digits = _digits(self.distance)
-        place = ", ".join(_rounded(value, digits) for value in middle)
-        box = " × ".join(_rounded(value, digits) for value in sides)
         more = f"{_more(self.area)} area" if self.volume is None else f"{_more(self.volume)} volume"
         changes = self._holes() + self._lengths() or [
-            f"surfaces up to {_rounded(self.distance, digits)} apart"
+            f"surfaces up to {_rounded(self.distance, _digits(self.distance))} apart"
         ]
         begin = "at equal size: " if size_is_told(self.scale) else ""
-        return f"{begin}{', '.join(changes)}, at ({place}), in a box of {box}; {more}"
+        return f"{begin}{', '.join([*changes, *self._place()])}; {more}"
 
     def reverse(self) -> "LocalDifference":
-        """Return how the first differs from the second, in the coordinates of the first."""
+        """Return how the first differs from the second, in the same coordinates and units."""
         holes, (ours, theirs) = self.through_holes, self.sides
         return self.model_copy(
             update={
@@ -79,6 +91,22 @@ class LocalDifference(BaseModel):
                 "through_holes": holes and (holes[1], holes[0]),
             }
         )
+
+    def without_place(self, size: float) -> "LocalDifference":
+        """Return the difference without its coordinates, its lengths `size` times as large."""
+        ours, theirs = (tuple(size * side for side in sides) for sides in self.sides)
+        lengths = {"distance": size * self.distance, "sides": (ours, theirs)}
+        return self.model_copy(update={"point": None, "low": None, "high": None, **lengths})
+
+    def _place(self) -> list[str]:
+        """Return the middle and the size of the box: nothing if its coordinates are unknown."""
+        if self.low is None or self.high is None:
+            return []
+        corners = list(zip(self.low, self.high, strict=True))
+        digits = _digits(self.distance)
+        middle = ", ".join(_rounded(0.5 * (low + high), digits) for low, high in corners)
+        box = " × ".join(_rounded(high - low, digits) for low, high in corners)
+        return [f"at ({middle})", f"in a box of {box}"]
 
     def _holes(self) -> list[str]:
         """Return what the numbers of through holes say: nothing if they are equal or unknown."""

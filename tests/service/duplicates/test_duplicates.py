@@ -294,6 +294,37 @@ def test_a_variant_has_the_difference_along_its_link_or_that_of_its_copy() -> No
     assert texts[0].endswith("100 % more volume")
 
 
+def test_a_copy_has_the_difference_of_a_variant_in_its_own_size() -> None:
+    groups = Groups()
+    groups.join(Link(1, 4, 0.9, 0.001, 2.0, mirrored=False, variant=True, difference=difference(3, 4)))
+    groups.join(Link(3, 4, 1.0, 0.0, 0.5, mirrored=False))
+    (group,) = groups.members({1, 3}, Counted(scaled=True))
+    (variant,) = (one.difference for one in group if one.difference is not None)
+    # The coordinates are those of the first.
+    assert (variant.scale, group[1].scale) == (4.0, 4.0)
+    assert (variant.low, variant.distance) == ((10.0, 5.0, 3.0), 2.0)
+    assert variant.text.startswith("at equal size: 4 through holes instead of 3, at (10, 5, 3), in a box")
+
+
+@pytest.mark.parametrize("shown", [{1, 2, 3, 5}, {1, 3, 5}])
+def test_a_copy_has_no_coordinates_of_the_shape_between(shown: set[int]) -> None:
+    """The fifth shape is a copy of the second, which is a variant of the third; the third is older."""
+    groups = Groups()
+    groups.join(Link(1, 3, 1.0, 0.0, 1.0, mirrored=False))
+    groups.join(Link(2, 3, 0.9, 0.001, 0.5, mirrored=False, variant=True, difference=difference(5, 4)))
+    groups.join(Link(2, 5, 1.0, 0.0, 3.0, mirrored=False))
+    (group,) = groups.members(shown, Counted(scaled=True))
+    told = {one.shape: one.difference for one in group if one.difference is not None}
+    if second := told.get(2):
+        assert (second.scale, second.point, second.distance) == (2.0, (10.0, 5.0, 3.0), 2.0)
+    fifth = told[5]
+    assert (group[-1].compared_with, group[-1].scale, fifth.scale) == (3, 6.0, 6.0)
+    assert (fifth.point, fifth.low, fifth.high) == (None, None, None)
+    # The third shape is half as large as the second.
+    assert (fifth.distance, fifth.sides) == (1.0, ((5.0, 2.5, 1.5),) * 2)
+    assert fifth.text == "at equal size: 5 through holes instead of 4; 100 % more volume"
+
+
 def test_a_variant_of_a_group_says_what_differs(planted: Running) -> None:
     with working_in(planted, "plates") as plates:
         for number, change in enumerate(("hole", None, None)):
