@@ -162,7 +162,7 @@ def duplicates_command(
 
 
 def _print_groups(answer: DuplicatesAnswer) -> None:
-    columns = (">group", "name", "likeness", ">scale", ">cc", ">residual")
+    columns = (">group", "name", "likeness", ">scale", ">cc of pair", ">residual of pair")
     groups = table(*columns)
     for number, group in enumerate(answer.groups, 1):
         for member in group:

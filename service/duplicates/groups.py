@@ -50,7 +50,7 @@ class Counted:
 
 @dataclass(frozen=True)
 class GroupMember:
-    """A shape of a group, its relation to the first shape, and the cc and residual of its link.
+    """A shape of a group, its relation to the first shape, and the cc and residual of its last link.
 
     `mirrored` tells whether it is a mirror image of the first shape or a variant of one. The `difference` of
     a variant is that from the shape `compared_with`: the first shape if a link joins the two. It is in the

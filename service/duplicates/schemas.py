@@ -17,8 +17,8 @@ COLUMNS = (
     "name",
     "likeness",
     "scale",
-    "cc",
-    "residual",
+    "pair_cc",
+    "pair_residual",
     "difference",
     "compared_with",
     "decision",
@@ -38,7 +38,7 @@ def without_formula(text: str) -> str:
 
 
 class Duplicate(BaseModel):
-    """A shape of a group. The first shape is the oldest; the fields describe a shape relative to it."""
+    """A shape of a group. The first shape is the oldest; likeness and scale are relative to it."""
 
     shape: Shape
     likeness: Likeness = Field(
@@ -47,7 +47,10 @@ class Duplicate(BaseModel):
         "variant, if variants are asked for: differs locally. The other values do not occur here."
     )
     scale: float = Field(description="The size of the shape over that of the first.")
-    cc: float = Field(description="cc of the pair by which the shape was found; 1 for the first.")
+    cc: float = Field(
+        description="cc of the pair by which the shape was found, with the first or another shape of the "
+        "collection; 1 for the first."
+    )
     residual: float = Field(description="Residual of the same pair after registration; 0 for the first.")
     difference: LocalDifference | None = Field(
         default=None,

@@ -246,6 +246,20 @@ def test_scale_and_mirroring_are_those_along_the_links() -> None:
     assert [(one.shape, one.likeness, one.scale) for one in through] == [(1, "same", 1.0), (2, "scaled", 2.0)]
 
 
+def test_the_columns_name_the_numbers_of_the_pair_of_a_shape() -> None:
+    """The second shape is found by its pair with the third, and its size is that over the first."""
+    groups = Groups()
+    groups.join(Link(1, 3, 0.98, 0.002, 4.0, mirrored=False))
+    groups.join(Link(2, 3, 0.99, 0.001, 2.0, mirrored=False))
+    ((_, second, _),) = groups.members({1, 2, 3}, Counted(scaled=True))
+    shape = Shape.model_validate({**SHAPE})
+    numbers = {"scale": second.scale, "cc": second.cc, "residual": second.residual}
+    group = [Duplicate(shape=shape, likeness=second.likeness, **numbers)]
+    made = DuplicatesAnswer(groups=[group], shapes=1, compared=0, aligned=0, milliseconds={})
+    (row,) = csv.DictReader(io.StringIO(made.csv(), newline=""))
+    assert (row["scale"], row["pair_cc"], row["pair_residual"]) == ("2.0", "0.99", "0.001")
+
+
 def test_a_group_of_copies_falls_apart_by_size_and_hand() -> None:
     """Two sizes, two hands: only the oldest of each size is compared with the first."""
     groups = Groups()
