@@ -1,8 +1,10 @@
 """`isoshape ingest`: store files, folders of files and archives."""
 
+import re
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from hashlib import file_digest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -19,7 +21,7 @@ from service.console import fail, output, progress, say
 from service.datasets import DatasetError, MeshFile, find_meshes, read_table
 from service.http.problem_document import TYPE_PREFIX, Cause, faults_of
 from service.search.schemas import QueryAnswer, likeness_in_words
-from service.shapes.fields import TAG_CHARACTERS, split_tags
+from service.shapes.fields import TAG_CHARACTERS, base_name, clean_name, split_tags
 from service.shapes.schemas import ShapeFields
 
 if TYPE_CHECKING:
@@ -76,6 +78,9 @@ def row_of(rows: dict[str, About], path: Path) -> str | None:
 
 LOOKED_AT = 5
 """The results of a search among which copies are looked for."""
+
+ESCAPED = re.compile(r'[\x00-\x1a\x1c-\x1f"]')
+"""The characters that HTTPX writes as %XX in the name of a file that it uploads."""
 
 SECONDS_BETWEEN_LINES = 30.0
 """Seconds between two lines of progress, where standard error is no terminal that shows a bar."""
@@ -174,7 +179,7 @@ def ingest_command(
     collection: Collection = None,
     at_once: Annotated[int, typer.Option(min=1, max=64, help="Uploads at the same time.")] = AT_ONCE,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Store nothing; tell which meshes are there already.")
+        bool, typer.Option("--dry-run", help="Store nothing; tell which files are there already.")
     ] = False,
 ) -> None:
     """Store mesh files, folders of meshes and archives.
@@ -189,7 +194,8 @@ def ingest_command(
 
     With --split parts, the parts of a STEP or 3MF have the metadata assembly, assembly_path and instances.
 
-    With --dry-run, each mesh is searched for instead, and rigid copies of it and variants are named.
+    With --dry-run, each mesh is searched for instead. A stored rigid copy of it, or else a variant, is named:
+    only the same file under its name is already there.
     """
     archives = [path for path in paths if path.is_file() and path.suffix.lower() == ".zip"]
     if split is not None and archives:
@@ -239,10 +245,13 @@ def ingest_command(
 
 
 def _look_up(client: Client, paths: Sequence[Path]) -> None:
-    """Print for each file whether it is new, and the stored shape that it copies."""
-    counts = {"new": 0, "already there": 0, "refused": 0}
+    """Print for each file whether it would be stored, and the stored shape that it copies."""
+    counts = {"would be stored": 0, "already there": 0, "refused": 0}
+    earlier: set[tuple[str, str]] = set()
     for path, answer in answers(client, paths, top_k=LOOKED_AT, rank_by="combined"):
-        outcome, told = ("refused", answer) if isinstance(answer, str) else _copied(answer)
+        outcome, told = (
+            ("refused", answer) if isinstance(answer, str) else _outcome(client, path, answer, earlier)
+        )
         counts[outcome] += 1
         output().print(f"{path}: {outcome}{told and f'; {told}'}", soft_wrap=True)
     output().print(", ".join(f"{count} {outcome}" for outcome, count in counts.items()), soft_wrap=True)
@@ -250,15 +259,33 @@ def _look_up(client: Client, paths: Sequence[Path]) -> None:
         raise typer.Exit(1)
 
 
-def _copied(answer: QueryAnswer) -> tuple[str, str]:
-    """Return whether a shape is new, and the likeness and name of the nearest copy or variant of it."""
+def _outcome(
+    client: Client, path: Path, answer: QueryAnswer, earlier: set[tuple[str, str]]
+) -> tuple[str, str]:
+    """Return what an ingest would do with a file, and which shape it copies.
+
+    A file is there if a stored shape, or an `earlier` file, has its name and its bytes (SHA-256).
+    """
+    try:
+        name = clean_name(ESCAPED.sub(lambda found: f"%{ord(found[0]):02X}", base_name(path.name)))
+    except ValueError as error:
+        return "refused", f"name: {error}"
+    with path.open("rb") as content:
+        sha256 = file_digest(content, "sha256").hexdigest()
+    if (name, sha256) in earlier or any(shape.name == name for shape in client.shapes(sha256=sha256)):
+        return "already there", ""
+    earlier.add((name, sha256))
+    return "would be stored", _copied(answer)
+
+
+def _copied(answer: QueryAnswer) -> str:
+    """Return the likeness and name of the nearest copy of a shape, or else variant; "" if there is none."""
     copies = {result.likeness: result for result in reversed(answer.results)}
     for likeness in get_args(Copy):
         if likeness in copies:
             result = copies[likeness]
-            words = f"{likeness_in_words(likeness, result.scale)}: {result.shape.name}"
-            return "already there" if likeness == "same" else "new", words
-    return "new", ""
+            return f"{likeness_in_words(likeness, result.scale)}: {result.shape.name}"
+    return ""
 
 
 def class_tag(label: str) -> str:

@@ -11,6 +11,8 @@ from service.client import Client
 from tests.core.io.step_files import step_box, step_machine
 from tests.service.cli.conftest import CLASSES, POSES, Run, mesh_bytes
 from tests.service.jobs.support import pack
+from tests.studies.copies import moved
+from tests.studies.machine_parts import Drawing, part
 
 
 @pytest.fixture(autouse=True)
@@ -63,29 +65,51 @@ def test_bad_files_are_listed_and_the_rest_is_stored(archive: Client, tmp_path: 
 def test_a_dry_run_tells_what_is_there_already(archive: Client, tmp_path: Path, run: Run) -> None:
     mesh = read_mesh(mesh_bytes("cup", 0), "off")
     archive.upload(("stored cup.off", mesh_bytes("cup", 0)))
+    plates = {change: part("plate", Drawing(8, 0.1, change=change)) for change in (None, "hole")}
+    archive.upload(("plate.stl", write_mesh(plates[None], "stl")))
     meshes = {
         "again.off": Mesh(mesh.vertices[:, [1, 2, 0]] + 1.0, mesh.faces),
         "large.off": Mesh(2.0 * mesh.vertices, mesh.faces),
+        "larger.off": Mesh(1.029 * mesh.vertices, mesh.faces),
         "other.off": read_mesh(mesh_bytes("octopus", 0), "off"),
+        "variant.stl": moved(plates["hole"], 1),
     }
-    for name, each in meshes.items():
-        (tmp_path / name).write_bytes(write_mesh(each, "off"))
-    (tmp_path / "bad.off").write_bytes(b"OFF")
+    files = {name: write_mesh(each, Path(name).suffix[1:]) for name, each in meshes.items()}
+    files |= {name: mesh_bytes("cup", 0) for name in ("renamed.off", "stored cup.off")}
+    files |= {"twice/other.off": files["other.off"], "bad.off": b"OFF"}
+    (tmp_path / "twice").mkdir()
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
     (tmp_path / "labels.csv").write_text(
-        "file,class\n" + "".join(f"{name},x\n" for name in (*meshes, "bad.off", "gone.off"))
+        "file,class\n" + "".join(f"{name},x\n" for name in (*files, "gone.off"))
     )
     done = run("ingest", tmp_path, "--dry-run")
     lines = [line.removeprefix(f"{tmp_path}/") for line in done.stdout.splitlines()]
-    assert lines[:3] == [
-        "again.off: already there; Same part: stored cup.off",
-        "large.off: new; Same part, 0.5 times as large: stored cup.off",
-        "other.off: new",
+    assert lines[:8] == [
+        "again.off: would be stored; Same part: stored cup.off",
+        "large.off: would be stored; Same part, 0.5 times as large: stored cup.off",
+        "larger.off: would be stored; Same part: stored cup.off",
+        "other.off: would be stored",
+        "variant.stl: would be stored; Variant: plate.stl",
+        "renamed.off: would be stored; Same part: stored cup.off",
+        "stored cup.off: already there",
+        "twice/other.off: already there",
     ]
-    assert lines[3].startswith("bad.off: refused; ")
-    assert lines[4:] == ["gone.off: refused; No such file or directory", "2 new, 1 already there, 2 refused"]
-    assert (done.status, archive.page().total) == (1, 1)
+    assert lines[8].startswith("bad.off: refused; ")
+    counts = "6 would be stored, 2 already there, 2 refused"
+    assert lines[9:] == ["gone.off: refused; No such file or directory", counts]
+    assert (done.status, archive.page().total) == (1, 2)
+    assert run("ingest", tmp_path).stdout.startswith("6 stored, 2 already there (")
     (tmp_path / "a.zip").write_bytes(pack({"a.off": b"OFF"}))
     assert run("ingest", tmp_path / "a.zip", "--dry-run").status == 2
+
+
+@pytest.mark.parametrize("name", ['1".off', "a\\b.off", "\t.off", " a .off", "e\u0301.off"])
+def test_a_dry_run_knows_files_of_odd_names(tmp_path: Path, run: Run, name: str) -> None:
+    (tmp_path / name).write_bytes(mesh_bytes("cup", 0))
+    assert run("ingest", tmp_path).stdout == "1 stored, 0 already there, 0 refused\n"
+    again = run("ingest", tmp_path, "--dry-run").stdout
+    assert again.endswith("\n0 would be stored, 1 already there, 0 refused\n")
 
 
 def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Path, run: Run) -> None:
