@@ -88,7 +88,7 @@ def test_a_dry_run_tells_what_is_there_already(archive: Client, tmp_path: Path, 
     assert lines[:8] == [
         "again.off: would be stored; Same part: stored cup.off",
         "large.off: would be stored; Same part, 0.5 times as large: stored cup.off",
-        "larger.off: would be stored; Same part: stored cup.off",
+        "larger.off: would be stored; Same part, 0.9718 times as large: stored cup.off",
         "other.off: would be stored",
         "variant.stl: would be stored; Variant: plate.stl",
         "renamed.off: would be stored; Same part: stored cup.off",
