@@ -283,9 +283,9 @@ def _is_local(deviation: LocalDeviation) -> bool:
 
 
 def _has_equal_sides(difference: Difference) -> bool:
-    """Return whether two sides of the least box are equal; a flat part has a side of 0."""
+    """Return whether two sides of the least box are equal; a flat part has a side of 0, up to rounding."""
     first, second = map(np.array, difference.sides)
-    return bool((np.abs(second - first) <= EQUAL_SIDES * first).sum() >= 2)
+    return bool((np.abs(second - first) <= EQUAL_SIDES * first + EXACT * first.max()).sum() >= 2)
 
 
 def _placing(first: ProbedSurface, second: ProbedSurface, motion: Similarity) -> Similarity:

@@ -268,10 +268,12 @@ def _outcome(
     """
     try:
         name = clean_name(ESCAPED.sub(lambda found: f"%{ord(found[0]):02X}", base_name(path.name)))
+        with path.open("rb") as content:
+            sha256 = file_digest(content, "sha256").hexdigest()
     except ValueError as error:
         return "refused", f"name: {error}"
-    with path.open("rb") as content:
-        sha256 = file_digest(content, "sha256").hexdigest()
+    except OSError as error:
+        return "refused", error.strerror or str(error)
     if (name, sha256) in earlier or any(shape.name == name for shape in client.shapes(sha256=sha256)):
         return "already there", ""
     earlier.add((name, sha256))

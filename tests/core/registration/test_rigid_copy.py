@@ -25,8 +25,10 @@ from core.registration.rigid_copy import (
     COPY_RADIUS,
     EQUAL_RADIUS,
     EQUAL_VOLUME,
+    Difference,
     Proportions,
     RigidCopy,
+    _has_equal_sides,
     copy_by_samples,
     copy_by_surfaces,
     have_equal_axes,
@@ -272,6 +274,14 @@ def test_a_part_with_a_change_is_a_variant(family: Family, change: Change) -> No
 def test_another_drawing_with_all_sides_different_is_no_variant() -> None:
     first, second = (part("bracket", Drawing(number, 0.1)) for number in (50001, 50021))
     assert judged(first, moved(second, 3)) is None
+
+
+@pytest.mark.parametrize(("height", "equal"), [(1e-9, True), (0.1, False)])
+def test_rounding_of_a_flat_part_is_no_third_side(height: float, equal: bool) -> None:
+    sides = (60.0, 40.0, 0.0), (61.0, 40.0, height)
+    nowhere = (0.0, 0.0, 0.0)
+    difference = Difference(nowhere, nowhere, nowhere, 1.0, sides, None, 1.0, None)
+    assert _has_equal_sides(difference) == equal
 
 
 def even(kind: str, level: int) -> Mesh:
