@@ -291,7 +291,8 @@ def _copied(answer: QueryAnswer) -> str:
 
 
 def class_tag(label: str) -> str:
-    """Return the class as a tag, which can hold no comma and must not be long."""
+    """Return the class as a tag: no comma, not long, and "?" for what is not UTF-8."""
+    label = label.encode(errors="replace").decode()
     return " ".join(label.replace(",", " ").split())[:TAG_CHARACTERS].strip()
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
+from errno import EILSEQ
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 from urllib.parse import quote
@@ -103,7 +104,7 @@ class Call(Generic[T]):
     def prepared(self, stack: ExitStack) -> dict[str, Any]:
         """Return the arguments of an httpx request; the stack closes the files that this opens.
 
-        Raise OSError if a file cannot be read.
+        Raise OSError if a file cannot be read, or has a name that is not UTF-8.
         """
         # A body without a file is no form, and an address given no parameters keeps its own.
         arguments: dict[str, Any] = {"headers": dict(self.headers)}
@@ -116,10 +117,15 @@ class Call(Generic[T]):
 
     def _part(self, file: File, stack: ExitStack) -> tuple[str, Any]:
         """Return the name and the content of a file."""
+        name = file[0] if isinstance(file, tuple) else Path(file).name
+        try:
+            name.encode()
+        except UnicodeEncodeError:
+            raise OSError(EILSEQ, "the name is not UTF-8", name) from None
         if isinstance(file, tuple):
             return file
         path = Path(file)
-        return path.name, stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
+        return name, stack.enter_context(path.open("rb")) if self.streamed else path.read_bytes()
 
     def then(self, change: Callable[[T], U]) -> "Call[U]":
         """Return the same request, with another function applied to its result."""

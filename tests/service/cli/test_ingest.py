@@ -1,5 +1,8 @@
 """`isoshape ingest` into a running service."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -110,6 +113,23 @@ def test_a_dry_run_knows_files_of_odd_names(tmp_path: Path, run: Run, name: str)
     assert run("ingest", tmp_path).stdout == "1 stored, 0 already there, 0 refused\n"
     again = run("ingest", tmp_path, "--dry-run").stdout
     assert again.endswith("\n0 would be stored, 1 already there, 0 refused\n")
+
+
+def test_a_name_that_is_not_utf_8_is_refused(archive: Client, tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"R\xe4der")
+    folder.mkdir()
+    for name in ("good.off", os.fsdecode(b"\xe4.off")):
+        (folder / name).write_bytes(mesh_bytes("cup", 0))
+    command = [sys.executable, "-m", "service.cli", "ingest", str(tmp_path)]
+    for option, outcome in (
+        ([], b"1 stored, 0 already there, 1 refused"),
+        (["--dry-run"], b"0 would be stored, 1 already there, 1 refused"),
+    ):
+        done = subprocess.run([*command, *option], check=False, capture_output=True)
+        assert (done.returncode, done.stdout.splitlines()[-1]) == (1, outcome)
+        assert b"\\udce4.off: " in done.stdout + done.stderr
+        assert b"the name is not UTF-8" in done.stdout + done.stderr
+    assert [(shape.name, shape.tags) for shape in archive.shapes()] == [("good.off", ["R?der"])]
 
 
 def test_a_single_file_and_files_of_other_formats(archive: Client, tmp_path: Path, run: Run) -> None:
