@@ -5,7 +5,7 @@ import { deleted, mayDelete } from "./deleted.js";
 import { button, byId, countOf, make, messageOf } from "./dom.js";
 import { parametersOf, tagsIn } from "./fields.js";
 
-/** @import { Shape, ShapePage, Suggestions } from "./types.js" */
+/** @import { Families, Shape, ShapePage, Suggestions } from "./types.js" */
 
 /** Requests that run at a time; failures, or names of shapes, that are told. */
 const AT_ONCE = 2, TOLD = 5;
@@ -163,17 +163,30 @@ async function suggest() {
   }));
 }
 
+/** The shapes of all pages of the list. @param {URLSearchParams} wanted @returns {AsyncGenerator<Shape>} */
+async function* inPages(wanted) {
+  wanted.set("limit", PAGE);
+  do {
+    /** @type {ShapePage} */
+    const page = await (await ask(address("shapes", wanted))).json();
+    yield* page.shapes;
+    wanted.set("cursor", page.next_cursor ?? "");
+  } while (wanted.get("cursor"));
+}
+
+/** The shapes of all groups of the list. @param {URLSearchParams} wanted @returns {AsyncGenerator<Shape>} */
+async function* inFamilies(wanted) {
+  for (const name of ["families", "sort"]) wanted.delete(name);
+  /** @type {Families} */
+  const { families } = await (await ask(address("families", wanted))).json();
+  yield* families.flatMap(({ shapes }) => shapes);
+}
+
 /** @type {Record<string, () => Promise<void> | void>} */
 const ACTIONS = {
   all: async () => {
     const wanted = parametersOf(byId("gallery-form", HTMLFormElement));
-    wanted.set("limit", PAGE);
-    do {
-      /** @type {ShapePage} */
-      const page = await (await ask(address("shapes", wanted))).json();
-      for (const shape of page.shapes) selected.set(shape.id, shape);
-      wanted.set("cursor", page.next_cursor ?? "");
-    } while (wanted.get("cursor"));
+    for await (const shape of wanted.has("families") ? inFamilies(wanted) : inPages(wanted)) selected.set(shape.id, shape);
     clear();
   },
   none: () => {

@@ -40,6 +40,10 @@ def test_similar_shapes_are_one_card(visit: Visit, service: Running) -> None:
     expect(page.locator("#gallery-status")).to_have_text(f"{len(families)} {noun} of similar shapes")
     first, *others = [shape["name"] for shape in families[0]["shapes"]]
     expect(cards.first.locator("> .name")).to_have_text(first)
+    page.get_by_role("checkbox", name=f"Select {first}").check()
+    page.get_by_role("button", name="Select all that match").click()
+    members = sum(len(family["shapes"]) for family in families)
+    expect(page.locator("#selection-count")).to_have_text(f"{members} selected")
     cards.first.get_by_text(f"{len(others)} more like this").click()
     expect(cards.first.locator("details .name")).to_have_text(others)
     page.reload()
