@@ -133,6 +133,36 @@ def signed_volume(vertices: Floats, faces: Ints) -> float:
     return total / 6.0
 
 
+FLAT = 1e-12
+"""Volume of a flat mesh at most, over the cube of its largest coordinate."""
+
+
+def gyration_radii(mesh: Mesh) -> tuple[float, float, float]:
+    """Return the principal radii of gyration of the enclosed solid, the largest first.
+
+    They are root mean square distances along the principal axes from the centroid of the solid, in the units
+    of the file, by tetrahedra (D. Eberly, "Polyhedral mass properties", 2002). They mean little if the mesh
+    is not closed; those of a flat one are 0.
+    """
+    corners = mesh.vertices[mesh.faces]
+    corners -= corners.mean(axis=(0, 1))
+    unit = float(np.abs(corners).max())
+    corners /= unit
+    volumes = np.linalg.det(corners) / 6.0
+    volume = float(volumes.sum())
+    if abs(volume) <= FLAT:
+        return 0.0, 0.0, 0.0
+    sums = corners.sum(axis=1)
+    # Over a tetrahedron at the origin x x^T has the integral V / 20 times its sum over the corners and their
+    # sum.
+    points = np.concatenate([corners, sums[:, None]], axis=1)
+    second = np.einsum("f,fcx,fcy->xy", volumes / (20.0 * volume), points, points)
+    centre = volumes @ sums / (4.0 * volume)
+    squares = np.linalg.eigvalsh(second - np.outer(centre, centre))
+    x, y, z = unit * np.sqrt(np.maximum(squares[::-1], 0.0))
+    return float(x), float(y), float(z)
+
+
 def _hull(points: Floats) -> tuple[float, float]:
     """Return volume and area of the convex hull; the hull of coplanar points counts both of its sides."""
     try:

@@ -80,11 +80,14 @@ def _simplified(normal: Mesh, wanted: MeshParameters) -> Mesh:
 
 
 def _fineness(given: Mesh, normal: Mesh, wanted: MeshParameters, least_vertices: int) -> int:
-    """Return the vertices of an even mesh as fine as the surface must be; 0 if it is fine enough."""
+    """Return the vertices of an even mesh as fine as the surface must be; 0 for one that stays as it is.
+
+    A mesh with more vertices may have long edges too.
+    """
     needed = max(wanted.refine_vertices, least_vertices)
     if wanted.refine_simplified and len(normal.vertices) < len(given.vertices):
         return max(wanted.refine_simplified, needed)
-    return needed if len(normal.vertices) < needed else 0
+    return needed if wanted.refine_vertices or len(normal.vertices) < needed else 0
 
 
 def _is_rough(normal: Mesh, wanted: MeshParameters, fineness: int) -> bool:

@@ -83,15 +83,19 @@ def split_faces(faces: Ints, middle: Ints, vertices: Floats) -> Ints:
 def split_long_edges(mesh: Mesh, longest: float, most: int) -> Mesh:
     """Split edges longer than `longest` at their midpoints; the surface and the first n vertices stay.
 
-    The faces of a split edge are cut into two, three or four. Passes repeat until no long edge is left or the
-    next pass would make more than `most` vertices.
+    The faces of a split edge are cut into two, three or four. Passes repeat until no long edge is left, or no
+    more fit into `most` vertices.
     """
     vertices, faces = mesh.vertices, mesh.faces
     for _ in range(PASSES):
         edges, of_face = edge_table(faces)
         length = edge_lengths(vertices, edges)
+        room = max(most - len(vertices), 0)
+        if room < len(length):
+            # Of too many edges the longest are split, and of equally long ones all or none.
+            longest = max(longest, np.partition(length, -room - 1)[-room - 1] * (1.0 + TIE))
         long = np.flatnonzero(length > longest)
-        if len(long) == 0 or len(vertices) + len(long) > most:
+        if len(long) == 0:
             break
         middle = np.full(len(edges), -1, dtype=np.int64)
         middle[long] = len(vertices) + np.arange(len(long))

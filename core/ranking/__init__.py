@@ -9,6 +9,7 @@ __all__ = [
     "diffusion",
     "families",
     "graph_layout",
+    "isometry",
     "kinds",
     "likeness",
     "local_density",

@@ -29,8 +29,8 @@ SAME_SIZE = 0.03
 TOLD_SIZE = 0.001
 """Words tell the scale of a copy that differs from 1 by more than this."""
 
-NEAR_ISOMETRIC = 0.07
-"""Largest `core.ranking.shortlist.isometry_distance` of two nearly isometric surfaces.
+NEAR_ISOMETRIC = 0.08
+"""Largest `core.ranking.isometry.isometry_distance` of two nearly isometric surfaces.
 
 A compromise: poses of one body that are further apart are told as similar, and individuals of one class that
 are nearer as poses. docs/likeness.md has the shares of both."""
@@ -38,10 +38,10 @@ are nearer as poses. docs/likeness.md has the shares of both."""
 POSE_CC = 0.96
 """Least CC of two nearly isometric surfaces."""
 
-BENT = 0.103
+BENT = 0.07
 """Least distance of corresponding samples after the best similarity transform
-(`core.registration.similarity.bend`), over the root of the area, of two poses of one body. Rigid parts that
-differ have at most 0.102, if their proportions are alike."""
+(`core.registration.similarity.bend`), over the root of the area, of two poses of one body, beyond their
+isometry distance: parts of other proportions are about as far from a copy as from isometric."""
 
 SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
@@ -66,6 +66,14 @@ def may_be_pose(isometry: float, cc: float) -> bool:
     return isometry <= NEAR_ISOMETRIC and cc >= POSE_CC
 
 
+def least_bend(isometry: float) -> float:
+    """Return the least bend, over the root of the area, of two poses of one body with an isometry distance.
+
+    Surfaces that are not nearly isometric count as if they were just so.
+    """
+    return BENT + min(isometry, NEAR_ISOMETRIC)
+
+
 def likeness(
     *,
     probability: float,
@@ -79,8 +87,8 @@ def likeness(
 
     `probability` is that of one class. `scale`, length in the second over length in the first, is None unless
     registration found a copy; `mirrored` and `variant` tell its kind. `part` tells whether pieces of one are
-    copies of the other, and `pose` whether the surfaces are nearly isometric (`may_be_pose`) and bent by
-    `BENT`.
+    copies of the other, and `pose` whether the surfaces are nearly isometric (`may_be_pose`) and bent
+    (`least_bend`).
     """
     if scale is not None:
         return copy_likeness(scale, mirrored=mirrored, variant=variant)

@@ -59,18 +59,6 @@ def eigenvalue_steps(query: Float32s, signatures: Float32s) -> Floats:
     return signatures[:, :values].astype(np.float64) - query[:values]
 
 
-def isometry_distance(steps: Floats, growth: float) -> float:
-    """Return how far two surfaces are from isometric, >= 0: 0 for two ideal poses of one body.
-
-    `steps` are the differences of their log eigenvalues at unit area, each over the root of their number, and
-    `growth` is the difference of the logarithms of their volumes at unit area, 0 where one is open. Bending
-    keeps the volume nearly, and moves eigenvalues up and down, whereas a factor common to all, which counts
-    five times here, is one of proportions.
-    """
-    common = steps.mean() ** 2 * len(steps)
-    return float(np.sqrt(steps @ steps + 4.0 * common + growth**2))
-
-
 def global_distances(query: Float32s, signatures: Float32s) -> Floats:
     """Compute distances between the global descriptors of one signature and of c others, shape (c,).
 

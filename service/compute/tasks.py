@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from core.arrays import Bytes, Float32s, Floats
 from core.dense.transfer import Transferred, Wanted, transfer
 from core.descriptors.depth_images import depth_images
-from core.descriptors.facts import intrinsic_reliability
+from core.descriptors.facts import gyration_radii, intrinsic_reliability
 from core.descriptors.network import FEATURES
 from core.descriptors.network_views import VIEWS, network_view_distance
 from core.descriptors.partial import describe_part
@@ -36,7 +36,8 @@ from core.numerics.guarding import guarded
 from core.parameters import Parameters
 from core.pipeline import Pipeline
 from core.ranking.class_probability import combined_scores
-from core.ranking.likeness import BENT
+from core.ranking.isometry import isometry_distance
+from core.ranking.likeness import least_bend
 from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
 from core.ranking.shortlist import signature_distances
 from core.registration.instances import Instances, instances
@@ -97,17 +98,21 @@ def embed_mesh(
                 "the mesh has no finite embedding: its coordinates are too large, or its surface too thin"
             )
         embed = 1e3 * (time.perf_counter() - start)
-        boxes = {"bounding_box": bounding_box(mesh), "file_box": file_box(mesh)}
-        return ready_to_store(embedding, boxes, {"read": read, "embed": embed}, warnings)
+        lengths = {
+            "bounding_box": bounding_box(mesh),
+            "file_box": file_box(mesh),
+            "gyration_radii": gyration_radii(mesh),
+        }
+        return ready_to_store(embedding, lengths, {"read": read, "embed": embed}, warnings)
 
 
 def ready_to_store(
     embedding: Embedding,
-    boxes: Mapping[str, Sides],
+    lengths: Mapping[str, Sides],
     milliseconds: dict[str, float],
     warnings: Sequence[str] = (),
 ) -> Embedded:
-    """Return an embedding with all that is stored beside it; `boxes` are the bounding boxes by name."""
+    """Return an embedding with all that is stored beside it; `lengths` are facts of three lengths."""
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,
@@ -115,7 +120,7 @@ def ready_to_store(
         view_signature=view_signature(embedding.descriptors["views"]),
         reliability=intrinsic_reliability(embedding.facts),
         pieces=embedding.pieces,
-        facts={**asdict(embedding.facts), **boxes, "warnings": list(warnings)},
+        facts={**asdict(embedding.facts), **lengths, "warnings": list(warnings)},
         milliseconds=milliseconds,
     )
 
@@ -190,8 +195,10 @@ def aligned(
     See `core.registration.rigid_alignment`: it is None for bodies that bend.
     """
     with guarded():
-        ends = _matched_points(first_record, second_record, parameters)
-        found = rigid_alignment(probed_surface(first), probed_surface(second), ends, BENT)
+        embeddings = embedding_from_bytes(first_record), embedding_from_bytes(second_record)
+        ends = Pipeline(parameters).match(*embeddings).points(*embeddings)
+        bent = least_bend(isometry_distance(*embeddings))
+        found = rigid_alignment(probed_surface(first), probed_surface(second), ends, bent)
         return found and found.inverse
 
 

@@ -165,20 +165,29 @@ class SurfaceMeasurements:
         order = order[[number in self._facts for number in entries.shapes[order].tolist()]]
         entries = entries.without_samples().only(order)
         facts = np.array([self._facts[number] for number in entries.shapes.tolist()])
-        facts, signatures = facts.reshape(len(order), 5), entries.signatures
+        facts, signatures = facts.reshape(len(order), 9), entries.signatures
         values = max(signatures.shape[1] - GLOBAL_DESCRIPTORS, 0)
         invariants = Invariants(
             eigenvalues=signatures[:, :values],
             descriptors=signatures[:, values:].astype(np.float64) / GLOBAL_WEIGHT,
             radii=facts[:, 0],
             extents=facts[:, 1:4],
-            closed=facts[:, 4] > 0.0,
+            gyration=facts[:, 4:7],
+            faces=facts[:, 7].astype(np.int64),
+            closed=facts[:, 8] > 0.0,
         )
         return MeasuredShapes(entries, invariants)
 
 
 def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the radius, the logarithms of the three extents, and 1 for a closed surface."""
+    """Return the measurements of `Invariants` but the signature; `closed` is 1 for a closed surface."""
     unit = float(facts["area"]) ** 0.5
-    extents = np.log(np.maximum(np.array(facts["bounding_box"]) / unit, 1e-9)).tolist()
-    return (facts["scale"] / unit, *extents, float(facts["boundary_edges"] == 0))
+    sides, radii = (
+        np.log(np.maximum(np.array(lengths) / whole, 1e-9)).tolist()
+        for lengths, whole in (
+            (facts["bounding_box"], unit),
+            (facts["gyration_radii"], max(facts["volume"], 1e-9 * unit**3) ** (1.0 / 3.0)),
+        )
+    )
+    closed = facts["boundary_edges"] == 0
+    return (facts["scale"] / unit, *sides, *radii, float(facts["faces"]), float(closed))

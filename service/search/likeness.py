@@ -1,7 +1,6 @@
 """The likeness of stored shapes to a query: rigid copies are confirmed by registration."""
 
 import asyncio
-import math
 from collections.abc import Awaitable, Callable, Hashable
 from functools import partial
 from typing import Any, Literal, TypeVar
@@ -13,8 +12,9 @@ from core.errors import CoreError
 from core.mesh.mesh import Mesh
 from core.parameters import Parameters
 from core.pipeline import Pipeline
-from core.ranking.likeness import BENT, likeness, may_be_pose
-from core.ranking.shortlist import eigenvalue_steps, isometry_distance, spectral_distances
+from core.ranking.isometry import isometry_distance
+from core.ranking.likeness import least_bend, likeness, may_be_pose
+from core.ranking.shortlist import spectral_distances
 from core.registration.instances import Instances, possible_instances
 from core.registration.rigid_copy import RigidCopy, copy_by_samples, have_equal_axes, may_be_copy
 from core.registration.similarity import bend
@@ -83,6 +83,9 @@ async def relation_of(
         # The records are decoded on a thread.
         if second is not None and await run_in_threadpool(possible):
             copy = await find_copy(container, first, second, parameters)
+        # A pair whose registration failed may be a copy, and no pose.
+        if copy is None and second is not None and may_be_pose(spectral, cc):
+            posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
     except (CoreError, ServiceError) as error:
         log.warning("a result is not registered: %s", error)
     try:
@@ -90,11 +93,6 @@ async def relation_of(
             found = await find_instances(container, first, second)
     except (CoreError, ServiceError) as error:
         log.warning("the pieces of a result are not registered: %s", error)
-    try:
-        if copy is None and found is None and second is not None and may_be_pose(spectral, cc):
-            posed = await run_in_threadpool(is_pose, first, second, parameters, cc)
-    except CoreError as error:
-        log.warning("a result may be a pose: %s", error)
     scale = None if copy is None else copy.scale
     kind = likeness(
         probability=probability,
@@ -120,13 +118,11 @@ async def relation_of(
 def is_pose(first: Surface, second: Surface, parameters: Parameters, cc: float) -> bool:
     """Return whether two surfaces are nearly isometric, and their correspondence is far from rigid."""
     embeddings = first.embedding, second.embedding
-    steps = eigenvalue_steps(embeddings[0].signature, embeddings[1].signature[None])[0]
-    ours, theirs = first.proportions.volume, second.proportions.volume
-    growth = 0.0 if ours is None or theirs is None else math.log(ours / theirs)
-    if not may_be_pose(isometry_distance(steps, growth), cc):
+    isometry = isometry_distance(*embeddings)
+    if not may_be_pose(isometry, cc):
         return False
     ends = Pipeline(parameters).match(*embeddings).points(*embeddings)
-    return bool(bend(*ends) >= BENT * embeddings[1].facts.area ** 0.5)
+    return bool(bend(*ends) >= least_bend(isometry) * embeddings[1].facts.area ** 0.5)
 
 
 async def find_instances(container: Container, first: Surface, second: Surface) -> PartInstances | None:

@@ -202,6 +202,7 @@ SHAPE: dict[str, Any] = {
         "boundary_ratio": 0.0,
         "bounding_box": [1.213, 0.954, 0.318],
         "file_box": [0.344, 1.226, 0.961],
+        "gyration_radii": [0.312, 0.204, 0.087],
         "closed": True,
     },
     "unit": "",
@@ -244,6 +245,10 @@ class MeshFacts(BaseModel):
     )
     file_box: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         description="The extents of the mesh along the x, y and z axes of the file."
+    )
+    gyration_radii: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
+        description="The principal radii of gyration of the solid, the largest first; they have a meaning "
+        "only if `closed` is true."
     )
     closed: bool = Field(
         default=False,

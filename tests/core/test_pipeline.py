@@ -274,9 +274,10 @@ def test_a_soup_of_triangles_keeps_them_up_to_a_limit_of_its_own():
     mesh = DEFAULT.mesh
     assert mesh.decimate_above < len(triangles.vertices) < mesh.decimate_pieces_above
     bounded = DEFAULT.with_values(mesh={"decimate_pieces_above": 0})
-    kept, simplified = (prepared(triangles, parameters).surface for parameters in (DEFAULT, bounded))
-    assert len(kept.faces) == len(clean(triangles).mesh.faces)
+    (kept, cleaned, frame, _), (simplified, *_) = (prepared(triangles, each) for each in (DEFAULT, bounded))
+    given = face_areas(frame.apply(cleaned.mesh.vertices), cleaned.mesh.faces).sum()
     area, left = (face_areas(surface.vertices, surface.faces).sum() for surface in (kept, simplified))
+    assert area == pytest.approx(given, rel=1e-9)
     assert left < 0.8 * area
 
 

@@ -21,7 +21,8 @@ from manifold3d import Manifold
 from core.arrays import Floats
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.ranking.likeness import BENT
+from core.ranking.isometry import isometry_distance
+from core.ranking.likeness import least_bend
 from core.registration.probed_surface import probed_surface
 from core.registration.rigid_alignment import rigid_alignment
 from core.registration.rigid_copy import copy_by_surfaces
@@ -149,7 +150,8 @@ def differences(
     start = time.process_time()
     surfaces = probed_surface(first), probed_surface(second)
     copy = copy_by_surfaces(*surfaces, ends)
-    transform = copy.placing.inverse if copy else rigid_alignment(*surfaces, ends, BENT)
+    bent = least_bend(isometry_distance(*embeddings))
+    transform = copy.placing.inverse if copy else rigid_alignment(*surfaces, ends, bent)
     assert transform is not None
     both = surface_distances((first, second), surfaces, transform)
     return transform, both, time.process_time() - start

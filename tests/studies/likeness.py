@@ -1,12 +1,15 @@
 """Likeness of pairs of shapes made by code, by a running service, and of all pairs of collections.
 
-    python -m tests.studies.likeness DIR [--each 30] [--chiral 40] [--symmetric 20] [--collection COLLECTION]
+    python -m tests.studies.likeness DIR [--each 30] [--poses 100] [--chiral 40] [--symmetric 20]
+        [--collection COLLECTION]
 
-likeness.csv has 200 pairs of bodies. chirality.csv has 60 parts, each compared with itself turned and with
-its mirror image turned, on the same mesh and on another: the mirror image of a chiral part is `mirrored`, all
-others are `same`. Exits with status 1 unless 95 % of the bodies get a right likeness, every copy a right
-scale, and all parts on the same mesh, and 110 of 120 on another, a right likeness. With a collection,
-collection.csv has the shares of its pairs that are poses, similar or weak, where nothing is registered.
+likeness.csv has 200 pairs of bodies. poses.csv has 100 bodies in two poses, on two meshes, and 100 pairs of
+machine parts of one family, none of which is a pose. chirality.csv has 60 parts, each compared with itself
+turned and with its mirror image turned, on the same mesh and on another: the mirror image of a chiral part is
+`mirrored`, all others are `same`. Exits with status 1 unless 95 % of the bodies, of the poses and of the
+machine parts get a right likeness, every copy a right scale, and all parts on the same mesh, and 110 of 120
+on another, a right likeness. With a collection, collection.csv has the shares of its pairs that are poses,
+similar or weak, where nothing is registered.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,11 +21,13 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from scipy.special import expit
 
+from core.descriptors.facts import signed_volume
 from core.gallery import CLASSES
 from core.gallery.bodies import make_body
 from core.gallery.solids import Frame, Part, box, ellipsoid, plate, revolved, tube
 from core.gallery.surface import surface
 from core.io import format_of, read_mesh, write_mesh
+from core.mesh.cleaning import face_areas
 from core.mesh.mesh import Mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
@@ -33,6 +38,8 @@ from service.search.likeness import is_pose
 from service.search.records import Surface
 from tests.studies.common import run, write
 from tests.studies.copies import copy, moved
+from tests.studies.machine_parts import FAMILIES, Drawing
+from tests.studies.machine_parts import part as machine_part
 from tests.studies.planted import PlantedPair, compared, write_table
 
 ARTICULATED = ("bird", "fish", "hand", "octopus", "person", "quadruped", "snake", "spider", "teddy")
@@ -48,6 +55,12 @@ VERTICES, REMESHED = 2000, 2600
 RIGHT, SCALE, RIGHT_REMESHED = 0.95, 0.02, 110 / 120
 """Least share of right pairs of bodies, largest relative error of a scale (that of a coarse mesh is less
 exact), and least share of right pairs of parts on other meshes."""
+
+DRAWINGS, TOLERANCE = 10, 0.05
+"""Number of drawings, of which two are compared, and their chord tolerance in millimetres."""
+
+RIGID: frozenset[Likeness] = frozenset({"same", "scaled", "mirrored", "variant", "similar", "weak"})
+"""The right likenesses of two rigid parts."""
 
 KINDS: dict[str, frozenset[Likeness]] = {
     "turned": frozenset({"same"}),
@@ -199,6 +212,28 @@ def angle(rng: Generator) -> list[Part]:
     return [*(box(frame, size, rounding=0.02, blend=0.01) for frame, size in bars), knob]
 
 
+def posed_and_rigid(seed: int, count: int) -> Iterator[PlantedPair]:
+    """Yield bodies in two poses, and parts with the one of other drawings that is most like them."""
+    for number in range(count):
+        yield planted("posed", ARTICULATED[number % len(ARTICULATED)], 1000 * seed + 20_000 + number)
+    families = tuple(FAMILIES)
+    for number in range(count):
+        family = families[number % len(families)]
+        numbers = range(
+            100 * seed + 20_000 + DRAWINGS * number, 100 * seed + 20_000 + DRAWINGS * (number + 1)
+        )
+        first, *others = (machine_part(family, Drawing(drawn, TOLERANCE)) for drawn in numbers)
+        nearest = min(others, key=lambda mesh: abs(compactness(mesh) - compactness(first)))
+        files = write_mesh(first, "off"), write_mesh(moved(nearest, number), "off")
+        yield PlantedPair("another drawing", f"{family}-{number}", files, RIGID)
+
+
+def compactness(mesh: Mesh) -> float:
+    """Return the volume of a closed mesh over its area to the power 3/2."""
+    areas = face_areas(mesh.vertices, mesh.faces).sum()
+    return float(abs(signed_volume(mesh.vertices, mesh.faces)) / areas**1.5)
+
+
 Build = Callable[[Generator], list[Part]]
 CHIRAL: tuple[Build, ...] = (bracket, screw, lever, shoe)
 SYMMETRIC: tuple[Build, ...] = (yoke, angle)
@@ -227,6 +262,7 @@ def main(
     folder: Path,
     seed: int,
     each: int,
+    poses: int,
     chiral: int,
     symmetric: int,
     collection: Path | None,
@@ -237,13 +273,17 @@ def main(
         write(folder / "collection.csv", likenesses(collection, workers))
     answers = compared(planted_pairs(seed, each))
     write_table(folder / "likeness.csv", answers)
+    bent = compared(posed_and_rigid(seed, poses))
+    write_table(folder / "poses.csv", bent)
+    posed, rigid = bent[:poses], bent[poses:]
     parts = [compared(chiral_pairs(chiral, symmetric, vertices)) for vertices in (VERTICES, REMESHED)]
     write_table(folder / "chirality.csv", [*parts[0], *parts[1]])
-    shares = [fmean(answer.right for answer in group) for group in (answers, *parts)]
-    print("Right likenesses of bodies, parts and remeshed parts:", *(f"{share:.1%}" for share in shares))
-    bounds = zip(shares, (RIGHT, 1.0, RIGHT_REMESHED), strict=True)
+    shares = [fmean(answer.right for answer in group) for group in (answers, posed, rigid, *parts)]
+    kinds = "bodies, poses, machine parts, parts and remeshed parts"
+    print(f"Right likenesses of {kinds}:", *(f"{share:.1%}" for share in shares))
+    bounds = zip(shares, (RIGHT, RIGHT, RIGHT, 1.0, RIGHT_REMESHED), strict=True)
     return all(share >= least for share, least in bounds) and all(answer.error <= SCALE for answer in answers)
 
 
 if __name__ == "__main__":
-    run(main, __doc__, seed=0, each=30, chiral=40, symmetric=20, collection=Path, workers=int)
+    run(main, __doc__, seed=0, each=30, poses=100, chiral=40, symmetric=20, collection=Path, workers=int)

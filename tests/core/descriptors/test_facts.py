@@ -9,6 +9,7 @@ from core.descriptors.facts import (
     LEAST_VOLUME,
     boundary_ratio,
     global_descriptors,
+    gyration_radii,
     intrinsic_reliability,
     signed_volume,
 )
@@ -142,3 +143,15 @@ def test_a_closed_surfaces_volume_is_the_same_about_any_point(seed):
     mesh = shifted(turned(box(1.0, 2.0, 3.0), seed), np.random.default_rng(seed).normal(size=3))
     assert signed_volume(mesh.vertices, mesh.faces) == pytest.approx(6.0, rel=1e-12)
     assert signed_volume(mesh.vertices, mesh.faces[:, ::-1]) == pytest.approx(-6.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("outwards", [True, False])
+def test_the_radii_of_gyration_of_a_box_are_its_sides_over_the_root_of_twelve(outwards):
+    mesh = turned(box(4, 2, 1), 5)
+    faces = mesh.faces if outwards else mesh.faces[:, ::-1]
+    found = gyration_radii(Mesh(10.0 * mesh.vertices + [300.0, -200.0, 100.0], faces))
+    assert found == pytest.approx(np.array([40.0, 20.0, 10.0]) / 12.0**0.5, rel=1e-9)
+
+
+def test_a_flat_surface_has_no_radii_of_gyration():
+    assert gyration_radii(rectangle(3, 1, 2, 1)) == (0.0, 0.0, 0.0)

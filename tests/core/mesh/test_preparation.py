@@ -18,9 +18,11 @@ from core.mesh.preparation import (
 )
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.ranking.shortlist import spectral_distances
 from core.sparse_embedding import prepared
 from tests.core.shapes import area, icosphere, joined, rectangle, turned
 from tests.gallery import make_shape
+from tests.studies.machine_parts import Drawing, part
 from tests.studies.perturbation import add_noise, make_soup
 
 
@@ -166,6 +168,17 @@ def test_a_clean_mesh_is_embedded_as_it_is_and_a_noisy_one_smoothed():
     assert np.isin(np.round(frame.apply(mesh.vertices), 9), np.round(normal.vertices, 9)).all()
     noisy = add_noise(mesh, 0.01, 1)
     assert roughness(prepared(noisy, pipeline.parameters)[0]) < DEFAULT.mesh.smooth_above < roughness(noisy)
+
+
+@pytest.mark.parametrize(("family", "number"), [("grid", 273), ("housing", 5)])
+def test_a_part_has_its_spectrum_at_any_chord_tolerance(family, number):
+    """The long slivers between circles of many vertices are split, and are no noise."""
+    pipeline = Pipeline(DEFAULT)
+    coarse, fine = (part(family, Drawing(number, tolerance)) for tolerance in (0.1, 0.002))
+    assert not prepared(fine, DEFAULT).smoothed
+    signatures = [pipeline.embed(mesh).signature for mesh in (coarse, fine)]
+    # 0.3 and more where slivers stay, and 1.2 where such a mesh is smoothed.
+    assert spectral_distances(signatures[0], signatures[1][None])[0] < 0.03
 
 
 @pytest.mark.parametrize("most", [0, 10_000])

@@ -92,6 +92,16 @@ def test_never_more_vertices_than_allowed(most):
     assert len(split_long_edges(box(3, 2, 1), 1e-6, most).vertices) <= most
 
 
+def test_of_too_many_long_edges_the_longest_are_split():
+    mesh = box(9, 2, 1)
+    longest = int((edge_lengths(mesh) > 9 - 1e-9).sum())
+    split = split_long_edges(mesh, 1e-6, len(mesh.vertices) + longest)
+    assert len(split.vertices) == len(mesh.vertices) + longest
+    assert edge_lengths(split).max() < 6
+    # Of equally long edges all or none.
+    assert split_long_edges(mesh, 1e-6, len(mesh.vertices) + 1) is mesh
+
+
 @pytest.mark.parametrize("vertices", [100, 2000])
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
 def test_refining_gives_about_the_vertices_asked_for(mesh, vertices):

@@ -5,8 +5,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from core.ranking.isometry import distance_of_steps
 from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness, may_be_pose
-from core.ranking.shortlist import isometry_distance
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1.0, "same"), (0.98, "same"), (1.5, "scaled"), (0.3, "scaled")])
@@ -30,9 +30,9 @@ def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> N
 
 def test_a_common_factor_and_the_volume_count_in_the_isometry_distance() -> None:
     alternating = 0.01 * np.array([1.0, -1.0] * 15)
-    assert isometry_distance(alternating, 0.0) == pytest.approx(0.01 * 30**0.5)
-    assert isometry_distance(np.full(30, 0.01), 0.0) == pytest.approx(0.01 * 150**0.5)
-    assert isometry_distance(np.zeros(30), -0.03) == pytest.approx(0.03)
+    assert distance_of_steps(alternating, 0.0) == pytest.approx(0.01 * 30**0.5)
+    assert distance_of_steps(np.full(30, 0.01), 0.0) == pytest.approx(0.01 * 150**0.5)
+    assert distance_of_steps(np.zeros(30), -0.03) == pytest.approx(0.03 * 0.5**0.5)
 
 
 def test_the_likenesses_of_copies_are_likenesses() -> None:

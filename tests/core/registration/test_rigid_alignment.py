@@ -5,7 +5,8 @@ import pytest
 
 from core.mesh.mesh import Mesh
 from core.pipeline import Pipeline
-from core.ranking.likeness import BENT
+from core.ranking.isometry import isometry_distance
+from core.ranking.likeness import least_bend
 from core.registration.probed_surface import probed_surface
 from core.registration.rigid_alignment import rigid_alignment
 from core.registration.similarity import Similarity
@@ -19,7 +20,8 @@ PIPELINE = Pipeline()
 def aligned(first: Mesh, second: Mesh) -> Similarity | None:
     one, other = PIPELINE.embed(first), PIPELINE.embed(second)
     ends = PIPELINE.match(one, other).points(one, other)
-    return rigid_alignment(probed_surface(first), probed_surface(second), ends, BENT)
+    bent = least_bend(isometry_distance(one, other))
+    return rigid_alignment(probed_surface(first), probed_surface(second), ends, bent)
 
 
 @pytest.mark.parametrize("size", [1.0, 25.4])
