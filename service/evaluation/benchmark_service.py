@@ -64,8 +64,8 @@ TURNS = 3
 AT_ONCE = 2_000
 """Shapes written in one transaction."""
 
-LENGTHS = dict.fromkeys(("bounding_box", "file_box", "gyration_radii"), (1.0, 1.0, 1.0))
-"""The bounding boxes of all shapes."""
+SIDES = dict.fromkeys(("bounding_box", "file_box", "gyration_radii"), (1.0, 1.0, 1.0))
+"""The lengths among the facts of all shapes."""
 
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
@@ -98,7 +98,7 @@ def fill(url: str, source: Sequence[Original], count: int) -> list[str]:
                         _, other = source[number // len(source) * STEP % len(source)]
                         embedding = shaken(embedding, number, other)
                     file = NewFile(number.to_bytes(8, "big"), "off")
-                    embedded = ready_to_store(embedding, LENGTHS, {})
+                    embedded = ready_to_store(embedding, SIDES, {})
                     blob = file_repository.add_blob(session, file.data, file.sha256)
                     file_repository.add_embedding(session, blob, "off", DEFAULT.fingerprint, embedded)
                     ids.append(str(uuid4()))
