@@ -268,7 +268,7 @@ def main(
     collection: Path | None,
     workers: int | None,
 ) -> bool:
-    """Write likeness.csv, poses.csv and chirality.csv; return whether enough pairs are right, and every scale."""
+    """Write all tables; return whether enough pairs are right, and every scale."""
     if collection is not None:
         write(folder / "collection.csv", likenesses(collection, workers))
     answers = compared(planted_pairs(seed, each))
