@@ -38,7 +38,7 @@ are nearer as poses. docs/likeness.md has the shares of both."""
 POSE_CC = 0.96
 """Least CC of two nearly isometric surfaces."""
 
-BENT = 0.07
+BENT = 0.075
 """Least distance of corresponding samples after the best similarity transform
 (`core.registration.similarity.bend`), over the root of the area, of two poses of one body, beyond their
 isometry distance: parts of other proportions are about as far from a copy as from isometric."""
