@@ -29,7 +29,7 @@ SAME_SIZE = 0.03
 TOLD_SIZE = 0.001
 """Words tell the scale of a copy that differs from 1 by more than this."""
 
-NEAR_ISOMETRIC = 0.08
+NEAR_ISOMETRIC = 0.07
 """Largest `core.ranking.isometry.isometry_distance` of two nearly isometric surfaces.
 
 A compromise: poses of one body that are further apart are told as similar, and individuals of one class that
