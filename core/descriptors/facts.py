@@ -134,33 +134,49 @@ def signed_volume(vertices: Floats, faces: Ints) -> float:
 
 
 FLAT = 1e-12
-"""Volume of a flat mesh at most, over the cube of its largest coordinate."""
+"""Largest volume of a flat mesh, over the cube of its largest coordinate."""
 
 
 def gyration_radii(mesh: Mesh) -> tuple[float, float, float]:
     """Return the principal radii of gyration of the enclosed solid, the largest first.
 
-    They are root mean square distances along the principal axes from the centroid of the solid, in the units
-    of the file, by tetrahedra (D. Eberly, "Polyhedral mass properties", 2002). They mean little if the mesh
-    is not closed; those of a flat one are 0.
+    The radii are root mean square distances along the principal axes from the centroid of the solid, in the
+    units of the file (D. Eberly, "Polyhedral mass properties", 2002). The radii of an open mesh mean little;
+    a flat mesh has radii of 0.
     """
-    corners = mesh.vertices[mesh.faces]
-    corners -= corners.mean(axis=(0, 1))
-    unit = float(np.abs(corners).max())
-    corners /= unit
-    volumes = np.linalg.det(corners) / 6.0
-    volume = float(volumes.sum())
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
+    centred = mesh.vertices - mesh.vertices[used].mean(axis=0)
+    unit = float(np.abs(centred[used]).max())
+    volume, first, second = _solid_moments(centred / unit, mesh.faces)
     if abs(volume) <= FLAT:
         return 0.0, 0.0, 0.0
-    sums = corners.sum(axis=1)
-    # Over a tetrahedron at the origin x x^T has the integral V / 20 times its sum over the corners and their
-    # sum.
-    points = np.concatenate([corners, sums[:, None]], axis=1)
-    second = np.einsum("f,fcx,fcy->xy", volumes / (20.0 * volume), points, points)
-    centre = volumes @ sums / (4.0 * volume)
-    squares = np.linalg.eigvalsh(second - np.outer(centre, centre))
+    centre = first / volume
+    squares = np.linalg.eigvalsh(second / volume - np.outer(centre, centre))
     x, y, z = unit * np.sqrt(np.maximum(squares[::-1], 0.0))
     return float(x), float(y), float(z)
+
+
+@compiled_for_reading
+def _solid_moments(vertices: Floats, faces: Ints) -> tuple[float, Floats, Floats]:
+    """Return the integrals of 1, p and p p^T over the enclosed solid; all are negative for inward faces."""
+    volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for f in range(len(faces)):
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+        # The tetrahedron with the origin has the volume V, the integral V / 4 of the sum of its corners, and
+        # V / 20 of the sum of p p^T over its corners and over their sum.
+        part = a[0] * (b[1] * c[2] - b[2] * c[1])
+        part += a[1] * (b[2] * c[0] - b[0] * c[2])
+        part += a[2] * (b[0] * c[1] - b[1] * c[0])
+        part /= 6.0
+        volume += part
+        for i in range(3):
+            total = a[i] + b[i] + c[i]
+            first[i] += part / 4.0 * total
+            for j in range(3):
+                product = a[i] * a[j] + b[i] * b[j] + c[i] * c[j] + total * (a[j] + b[j] + c[j])
+                second[i, j] += part / 20.0 * product
+    return volume, first, second
 
 
 def _hull(points: Floats) -> tuple[float, float]:

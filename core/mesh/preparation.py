@@ -80,9 +80,9 @@ def _simplified(normal: Mesh, wanted: MeshParameters) -> Mesh:
 
 
 def _fineness(given: Mesh, normal: Mesh, wanted: MeshParameters, least_vertices: int) -> int:
-    """Return the vertices of an even mesh as fine as the surface must be; 0 for one that stays as it is.
+    """Return the number of vertices of an even mesh that is as fine as the surface must be.
 
-    A mesh with more vertices may have long edges too.
+    A surface with more vertices may have long edges too. The result is 0 if the surface stays as it is.
     """
     needed = max(wanted.refine_vertices, least_vertices)
     if wanted.refine_simplified and len(normal.vertices) < len(given.vertices):

@@ -14,12 +14,13 @@ from core.registration.rigid_copy import COPY_RADIUS, COPY_SPECTRAL, EQUAL_RADIU
 
 EXTENT, VOLUME, FILLED, HULL_AREA = 0.015, 0.02, 0.012, 0.016
 """Largest differences of the logarithms of two copies: of the extents of their bounding boxes; of the volume
-of closed ones and of the share of the hull that they fill; and of their area over that of the hull."""
+of closed copies and of the share of the hull that they fill; and of their area over that of the hull."""
 
-FEW_FACES, GYRATION, OF_FEW_FACES = 2_000, 0.003, 0.005
-"""Largest differences of the logarithms of the radii of gyration of two copies, the second if one of them has
-fewer faces than the first number. Of 1,500 parts all 382 pairs of copies, at chord tolerances that differ up
-to 50 times, pass all limits, and so do about 80 of a million other pairs."""
+COARSE, GYRATION, COARSE_GYRATION = 2_000, 0.003, 0.005
+"""Number of faces below which a mesh is coarse, and the largest differences of the logarithms of the radii of
+gyration of two copies: of two fine meshes, and of two of which one is coarse. Among 1,500 machine parts all
+382 pairs of copies, at chord tolerances that differ up to 50 times, pass all limits, and so do about 80 of a
+million other pairs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +66,12 @@ def possible_copies(surfaces: Invariants, index: int) -> NDArray[np.intp]:
     near = near[(gaps <= EXTENT).all(axis=1)]
     compactness, filled, hull_area = np.abs(surfaces.descriptors[near] - surfaces.descriptors[index]).T
     gyration = np.abs(surfaces.gyration[near] - surfaces.gyration[index]).max(axis=1)
-    few = np.minimum(surfaces.faces[near], surfaces.faces[index]) < FEW_FACES
-    solid = (compactness <= VOLUME) & (filled <= FILLED) & (gyration <= np.where(few, OF_FEW_FACES, GYRATION))
+    coarse = np.minimum(surfaces.faces[near], surfaces.faces[index]) < COARSE
+    solid = (
+        (compactness <= VOLUME)
+        & (filled <= FILLED)
+        & (gyration <= np.where(coarse, COARSE_GYRATION, GYRATION))
+    )
     # The volume of an open surface is only a number.
     closed = surfaces.closed[near] & surfaces.closed[index]
     within = (hull_area <= HULL_AREA) & (solid | ~closed)

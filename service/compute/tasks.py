@@ -112,7 +112,10 @@ def ready_to_store(
     milliseconds: dict[str, float],
     warnings: Sequence[str] = (),
 ) -> Embedded:
-    """Return an embedding with all that is stored beside it; `lengths` are facts of three lengths."""
+    """Return an embedding with all that is stored beside it.
+
+    `lengths` are the boxes and the radii of gyration by name.
+    """
     return Embedded(
         record=embedding_to_bytes(embedding),
         signature=embedding.signature,

@@ -65,7 +65,7 @@ AT_ONCE = 2_000
 """Shapes written in one transaction."""
 
 SIDES = dict.fromkeys(("bounding_box", "file_box", "gyration_radii"), (1.0, 1.0, 1.0))
-"""The lengths among the facts of all shapes."""
+"""The boxes and the radii of gyration of all shapes."""
 
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""

@@ -180,7 +180,7 @@ class SurfaceMeasurements:
 
 
 def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the measurements of `Invariants` but the signature; `closed` is 1 for a closed surface."""
+    """Return the fields of `Invariants` after the signature; a closed surface has 1."""
     unit = float(facts["area"]) ** 0.5
     sides, radii = (
         np.log(np.maximum(np.array(lengths) / whole, 1e-9)).tolist()

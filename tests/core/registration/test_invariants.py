@@ -10,9 +10,9 @@ from core.mesh.bounding_box import bounding_box
 from core.mesh.cleaning import centroid, face_areas
 from core.mesh.mesh import Mesh
 from core.registration.invariants import (
-    FEW_FACES,
+    COARSE,
+    COARSE_GYRATION,
     GYRATION,
-    OF_FEW_FACES,
     Invariants,
     possible_copies,
     possible_variants,
@@ -74,11 +74,11 @@ def test_copies_pass_and_other_parts_do_not(surfaces: Invariants) -> None:
 
 def test_solids_with_other_radii_of_gyration_do_not_pass(surfaces: Invariants) -> None:
     gyration = surfaces.gyration.copy()
-    gyration[LARGER] += 1.1 * OF_FEW_FACES
+    gyration[LARGER] += 1.1 * COARSE_GYRATION
     found = possible_copies(replace(surfaces, gyration=gyration), FIRST)
     assert REMESHED in found
     assert LARGER not in found
-    many = replace(surfaces, gyration=surfaces.gyration + 0.0, faces=np.full(len(MESHES), FEW_FACES))
+    many = replace(surfaces, gyration=surfaces.gyration + 0.0, faces=np.full(len(MESHES), COARSE))
     many.gyration[LARGER] += 1.1 * GYRATION
     assert LARGER not in possible_copies(many, FIRST)
     assert LARGER in possible_copies(replace(many, faces=surfaces.faces), FIRST)
