@@ -146,9 +146,10 @@ def gyration_radii(mesh: Mesh) -> tuple[float, float, float]:
     """
     used = np.zeros(len(mesh.vertices), dtype=bool)
     used[mesh.faces] = True
-    centred = mesh.vertices - mesh.vertices[used].mean(axis=0)
-    unit = float(np.abs(centred[used]).max())
-    volume, first, second = _solid_moments(centred / unit, mesh.faces)
+    points = np.where(used[:, None], mesh.vertices, mesh.vertices[mesh.faces[0, 0]])
+    points -= 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
+    unit = float(np.abs(points).max())
+    volume, first, second = _solid_moments(points / unit, mesh.faces)
     if abs(volume) <= FLAT:
         return 0.0, 0.0, 0.0
     centre = first / volume

@@ -155,3 +155,11 @@ def test_the_radii_of_gyration_of_a_box_are_its_sides_over_the_root_of_twelve(ou
 
 def test_a_flat_surface_has_no_radii_of_gyration():
     assert gyration_radii(rectangle(3, 1, 2, 1)) == (0.0, 0.0, 0.0)
+
+
+def test_vertices_without_faces_and_spikes_of_no_area_do_no_harm():
+    mesh = box(4, 2, 1)
+    lone = Mesh(np.concatenate([mesh.vertices, [[1e300, -1e300, 0.0]]]), mesh.faces)
+    assert gyration_radii(lone) == pytest.approx(gyration_radii(mesh), rel=1e-9)
+    spike = [[0, len(mesh.vertices), 0]]
+    assert gyration_radii(Mesh(lone.vertices, np.concatenate([mesh.faces, spike]))) == (0.0, 0.0, 0.0)
