@@ -37,8 +37,8 @@ from tests.studies.perturbation import add_noise, make_soup, separate_parts
 TAU = "tau"
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.8)
 
-TAU_VERTICES, TAU_LEAST, TAU_CAP = 600, 500, 480
-"""With a sparse ratio, larger meshes are simplified and smaller ones refined; largest number of samples."""
+TAU_VERTICES, TAU_CAP = 600, 480
+"""With a sparse ratio, larger meshes are simplified to so many vertices; largest number of samples."""
 
 COLOURS = {"cc": "#0072b2", "combined": "#d55e00", "part": "#009e73"}
 
@@ -71,7 +71,7 @@ def tau_parameters(tau: float) -> Parameters:
         name=f"tau {tau}",
         sampling={"samples": 0, "tau": tau, "sample_cap": TAU_CAP},
         mesh={
-            "refine_vertices": TAU_LEAST,
+            "refine_vertices": 0,
             "decimate_above": TAU_VERTICES + 1,
             "decimate_to": TAU_VERTICES,
             "decimate_pieces_above": 0,
