@@ -42,13 +42,17 @@ TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK = 0.14, 0.76, 0.45
 ENOUGH = 100
 """Number of shapes from which their distances alone tell the density."""
 
+MEASURED = 32
+"""Number of shapes of a sample whose densities give the median."""
+
 
 @dataclass(frozen=True, eq=False)
 class LocalDensities:
     """The surroundings of shapes among the stored shapes.
 
     `spectral`, `view` and `network`, float64 of shape (c,), > 0, are distances to the seventh neighbours by
-    eigenvalues, by views, and by views that a network sees. `kinds` has the kind of each shape.
+    eigenvalues, by views, and by views that a network sees, the latter times `relative_factor`; those by
+    views are, too, of shapes that no network has seen. `kinds` has the kind of each shape.
     """
 
     spectral: Floats
@@ -93,6 +97,14 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
     return np.asarray(known**weight * typical ** (1.0 - weight))
 
 
+def relative_factor(densities: Floats, typical: float) -> float:
+    """Return the factor, >= 1, that brings the median of distances to seventh neighbours to the typical one.
+
+    Where all stored shapes look alike, as machine parts or people do, none of them is a hub.
+    """
+    return max(1.0, typical / float(np.median(densities)))
+
+
 NEAR_VIEWS = 16
 """Number of shapes, the nearest by view signature or by mean view, whose distances are computed: the seventh
 nearest by view distance is mostly among them."""
@@ -119,6 +131,8 @@ class DensitySample:
         Whether a shape is one of those, n in all.
     kinds : Kinds
         Kinds of nearly isometric shapes among them.
+    view_factor, network_factor : float
+        `relative_factor` of their own densities by views, and by views that a network sees.
     """
 
     eigenvalues: Floats
@@ -128,6 +142,8 @@ class DensitySample:
     mean_views: Float32s
     with_network: NDArray[np.bool_]
     kinds: Kinds
+    view_factor: float = 1.0
+    network_factor: float = 1.0
 
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
@@ -136,7 +152,7 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
     signatures = [view_signature(descriptor) for descriptor in views]
     network_views = [shape.arrays[NETWORK] for shape in shapes if NETWORK in shape.arrays]
     means = [mean_view(each) for each in network_views]
-    return DensitySample(
+    sample = DensitySample(
         _eigenvalues(np.stack([shape.signature for shape in shapes])) if shapes else np.empty((0, 0)),
         np.array(signatures, dtype=np.uint8).reshape(len(shapes), SIGNATURE_BYTES),
         views,
@@ -144,6 +160,15 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
         np.array(means, dtype=np.float32).reshape(len(means), FEATURES),
         np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
         kinds_in(all_log_eigenvalues(shapes), views),
+    )
+    some = shapes[:: max(1, len(shapes) // MEASURED)]
+    if not some:
+        return sample
+    own = densities_in(sample, some)
+    return replace(
+        sample,
+        view_factor=relative_factor(own.view, TYPICAL_VIEW),
+        network_factor=relative_factor(own.network, TYPICAL_NETWORK),
     )
 
 
@@ -162,10 +187,12 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         signature = view_signature(shape.arrays["views"])
         nearest = _nearest(signature_distance(signature, sample.view_signatures), others)
         row[nearest] = view_distance(shape.arrays["views"], sample.views[nearest])
+    seen = np.array([NETWORK in shape.arrays for shape in shapes])
+    network = neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK)
     return LocalDensities(
         neighbour_distances(spectral, TYPICAL_SPECTRAL),
-        neighbour_distances(views, TYPICAL_VIEW),
-        neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK),
+        np.where(seen, 1.0, sample.view_factor) * neighbour_distances(views, TYPICAL_VIEW),
+        np.where(seen, sample.network_factor, 1.0) * network,
         sample.kinds.of(all_log_eigenvalues(shapes)),
     )
 

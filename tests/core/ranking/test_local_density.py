@@ -179,18 +179,43 @@ def test_without_a_sample_densities_are_typical():
     assert np.isinf(found.kinds.distances(found.kinds)).all()
 
 
+@pytest.mark.parametrize("seen", [True, False])
+def test_where_all_shapes_look_alike_the_median_density_is_typical(seen):
+    rng = np.random.default_rng(0)
+    alike = [noisy(shape, rng) for shape in shapes()[:3] for _ in range(40)]
+    if not seen:
+        alike = [replace(one, arrays={"views": one.arrays["views"]}) for one in alike]
+    around = density_sample(alike)
+    found = densities_in(around, alike)
+    relative, absolute = (found.network, found.view) if seen else (found.view, found.network)
+    assert np.median(relative) == pytest.approx(TYPICAL_NETWORK if seen else TYPICAL_VIEW, rel=0.1)
+    assert np.median(absolute) < TYPICAL_VIEW / 2 if seen else (absolute == TYPICAL_NETWORK).all()
+    # One factor keeps the order of the densities.
+    exact = replace(around, view_factor=1.0, network_factor=1.0)
+    before, after = (densities_in(each, alike) for each in (exact, around))
+    ratios = after.network / before.network if seen else after.view / before.view
+    assert ratios == pytest.approx(ratios[0])
+    assert ratios[0] > 1.5
+
+
+def test_collections_of_unlike_shapes_keep_their_densities():
+    around = density_sample(shapes())
+    assert (around.view_factor, around.network_factor) == (1.0, 1.0)
+
+
 def test_the_nearest_views_of_many_shapes_are_mostly_found():
     """Noise makes a sample of 400; only distances to the nearest by signature or mean view are computed."""
     rng = np.random.default_rng(0)
     sample = [noisy(shape, rng) for shape in shapes() for _ in range(33)]
     queries = [noisy(shape, rng) for shape in shapes()]
-    found = densities_in(density_sample(sample), queries)
+    around = density_sample(sample)
+    found = densities_in(around, queries)
     _, views, seen = zip(*(plain(sample, shape) for shape in queries), strict=True)
-    for density, distances, typical in (
-        (found.view, views, TYPICAL_VIEW),
-        (found.network, seen, TYPICAL_NETWORK),
+    for density, distances, typical, factor in (
+        (found.view, views, TYPICAL_VIEW, 1.0),
+        (found.network, seen, TYPICAL_NETWORK, around.network_factor),
     ):
-        truth = neighbour_distances(np.array(distances), typical)
+        truth = factor * neighbour_distances(np.array(distances), typical)
         assert (density >= truth - 1e-12).all()
         assert density == pytest.approx(truth, rel=0.05)
 
