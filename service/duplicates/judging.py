@@ -111,12 +111,17 @@ class ShapeJudge:
         return np.array(list(dict.fromkeys(nearest)), dtype=np.intp)
 
     async def _compare(self, snapshot: _Snapshot) -> None:
-        """Register the candidates, unless other pairs have joined them to the shape."""
+        """Register the candidates, unless other pairs have joined them to the shape.
+
+        What is no copy of a mesh, within its chord errors, is none of a finer mesh of the same surface.
+        """
         groups = Groups()
         for link in (*snapshot.links, *self._links):
             groups.join(link)
         shapes = snapshot.measured.entries.shapes
         new = [index for index in snapshot.candidates if int(shapes[index]) not in self._considered]
+        faces = {int(shapes[index]): snapshot.measured.invariants.faces[index] for index in new}
+        refused: list[int] = []
         for start in range(0, len(new) if snapshot.record else 0, REGISTERED):
             batch = [
                 index
@@ -125,8 +130,13 @@ class ShapeJudge:
             ]
             self._compared += len(batch)
             for number, cc in await self._scored(snapshot, np.array(batch, dtype=np.intp)):
-                if self._aligned < REGISTERED and not groups.joined(self.shape, number):
-                    await self._register(snapshot, groups, number, cc)
+                known = groups.joined(self.shape, number) or any(
+                    faces[other] <= faces[number] and groups.joined(other, number) for other in refused
+                )
+                if self._aligned < REGISTERED and not known:
+                    is_refused = await self._register(snapshot, groups, number, cc)
+                    if is_refused and not self.search.variants:
+                        refused.append(number)
         self._considered |= {int(shapes[index]) for index in new}
 
     async def _scored(self, snapshot: _Snapshot, indices: NDArray[np.intp]) -> list[tuple[int, float]]:
@@ -140,8 +150,11 @@ class ShapeJudge:
         matched = await Cascade(self.container, query, reader).score(candidates, len(indices))
         return list(zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True))
 
-    async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> None:
-        """Register a pair, the older shape first, and keep it if it is a copy or a variant."""
+    async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> bool:
+        """Register a pair, the older shape first, and keep it if it is a copy or a variant.
+
+        Return whether registration found that it is none.
+        """
         first, second = sorted((self.shape, number))
         self._aligned += 1
         try:
@@ -156,20 +169,24 @@ class ShapeJudge:
             WorkerCrashedError,
         ) as error:
             log.warning("two shapes cannot be aligned: %s", error)
-            return
-        if copy is not None and copy.residual <= self.search.max_residual:
-            link = Link(
-                first,
-                second,
-                cc,
-                copy.residual,
-                copy.scale,
-                copy.mirrored,
-                variant=copy.difference is not None,
-                difference=None if copy.difference is None else asdict(copy.difference),
-            )
-            groups.join(link)
-            self._links.append(link)
+            return False
+        if copy is None:
+            return True
+        if copy.residual > self.search.max_residual:
+            return False
+        link = Link(
+            first,
+            second,
+            cc,
+            copy.residual,
+            copy.scale,
+            copy.mirrored,
+            variant=copy.difference is not None,
+            difference=None if copy.difference is None else asdict(copy.difference),
+        )
+        groups.join(link)
+        self._links.append(link)
+        return False
 
     async def _stored(self, snapshot: _Snapshot, number: int) -> Surface:
         """Return a stored surface to register.

@@ -36,6 +36,7 @@ from tests.service.support import (
 from tests.service.tasks import meet
 from tests.studies.copies import moved
 from tests.studies.duplicates import groups_by_force, parts
+from tests.studies.kinship import changed_part
 
 PLANE = make_shape("plane", 0)
 
@@ -76,6 +77,18 @@ def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
     assert copies != with_variants
     assert groups(running, scaled=True) == copies
     assert groups(running, scaled=True, variants=True) == with_variants
+
+
+def test_what_is_no_copy_of_a_part_is_not_registered_with_finer_copies(running: Running) -> None:
+    ids = {}
+    for kind in ("first", "turned", "finer", "moved"):
+        mesh, _ = changed_part("housing", 50_005, 0.1, kind, 1)
+        ids[kind] = running.store(write_mesh(mesh, "stl"), f"{kind}.stl")["id"]
+        if kind == "finer":
+            aligned = ask(running)["aligned"]
+    after = ask(running)["aligned"]
+    assert groups(running) == {frozenset(ids[kind] for kind in ("first", "turned", "finer"))}
+    assert after == aligned + 1
 
 
 def test_shapes_are_judged_in_the_background(tmp_path: Path) -> None:
