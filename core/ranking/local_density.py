@@ -8,6 +8,7 @@ global scaling reduce hubs in space", JMLR 13, 2012.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,8 @@ TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK = 0.14, 0.76, 0.45
 ENOUGH = 100
 """Number of shapes from which their distances alone tell the density."""
 
-MEASURED = 32
-"""Number of shapes of a sample whose densities give the median."""
+MEASURED = 64
+"""Largest number of shapes of a sample whose densities give the median of all: those of least hash."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,8 @@ class LocalDensities:
     """The surroundings of shapes among the stored shapes.
 
     `spectral`, `view` and `network`, float64 of shape (c,), > 0, are distances to the seventh neighbours by
-    eigenvalues, by views, and by views that a network sees, the latter times `relative_factor`; those by
-    views are, too, of shapes that no network has seen. `kinds` has the kind of each shape.
+    eigenvalues, by views, and by views that a network sees. The latter two are `lifted`. `kinds` has the kind
+    of each shape.
     """
 
     spectral: Floats
@@ -97,12 +98,14 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
     return np.asarray(known**weight * typical ** (1.0 - weight))
 
 
-def relative_factor(densities: Floats, typical: float) -> float:
-    """Return the factor, >= 1, that brings the median of distances to seventh neighbours to the typical one.
+def lifted(densities: Floats, median: float, typical: float) -> Floats:
+    """Return distances to seventh neighbours, raised by one factor if their median is below the typical one.
 
-    Where all stored shapes look alike, as machine parts or people do, none of them is a hub.
+    None is raised above the typical one. Where most stored shapes look alike, as machine parts and people do,
+    near neighbours do not make a hub.
     """
-    return max(1.0, typical / float(np.median(densities)))
+    raised = max(1.0, typical / median) * densities
+    return np.asarray(np.minimum(raised, np.maximum(densities, typical)))
 
 
 NEAR_VIEWS = 16
@@ -131,8 +134,8 @@ class DensitySample:
         Whether a shape is one of those, n in all.
     kinds : Kinds
         Kinds of nearly isometric shapes among them.
-    view_factor, network_factor : float
-        `relative_factor` of their own densities by views, and by views that a network sees.
+    view_median, network_median : float
+        Medians of their own densities by views, and by views that a network sees, before these are lifted.
     """
 
     eigenvalues: Floats
@@ -142,8 +145,8 @@ class DensitySample:
     mean_views: Float32s
     with_network: NDArray[np.bool_]
     kinds: Kinds
-    view_factor: float = 1.0
-    network_factor: float = 1.0
+    view_median: float = TYPICAL_VIEW
+    network_median: float = TYPICAL_NETWORK
 
 
 def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
@@ -161,14 +164,15 @@ def density_sample(shapes: list[ShapeDescriptors]) -> DensitySample:
         np.array([NETWORK in shape.arrays for shape in shapes], dtype=bool),
         kinds_in(all_log_eigenvalues(shapes), views),
     )
-    some = shapes[:: max(1, len(shapes) // MEASURED)]
+    some = sorted(shapes, key=lambda shape: crc32(shape.signature.tobytes()))[:MEASURED]
     if not some:
         return sample
     own = densities_in(sample, some)
+    seen = own.network[[NETWORK in shape.arrays for shape in some]]
     return replace(
         sample,
-        view_factor=relative_factor(own.view, TYPICAL_VIEW),
-        network_factor=relative_factor(own.network, TYPICAL_NETWORK),
+        view_median=float(np.median(own.view)),
+        network_median=float(np.median(seen)) if len(seen) else TYPICAL_NETWORK,
     )
 
 
@@ -187,12 +191,12 @@ def densities_in(sample: DensitySample, shapes: list[ShapeDescriptors]) -> Local
         signature = view_signature(shape.arrays["views"])
         nearest = _nearest(signature_distance(signature, sample.view_signatures), others)
         row[nearest] = view_distance(shape.arrays["views"], sample.views[nearest])
-    seen = np.array([NETWORK in shape.arrays for shape in shapes])
+    view = neighbour_distances(views, TYPICAL_VIEW)
     network = neighbour_distances(_network_distances(sample, shapes, spectral), TYPICAL_NETWORK)
     return LocalDensities(
         neighbour_distances(spectral, TYPICAL_SPECTRAL),
-        np.where(seen, 1.0, sample.view_factor) * neighbour_distances(views, TYPICAL_VIEW),
-        np.where(seen, sample.network_factor, 1.0) * network,
+        lifted(view, sample.view_median, TYPICAL_VIEW),
+        lifted(network, sample.network_median, TYPICAL_NETWORK),
         sample.kinds.of(all_log_eigenvalues(shapes)),
     )
 
@@ -214,7 +218,7 @@ def estimated_densities(
     return replace(
         densities,
         spectral=neighbour_distances(spectral, TYPICAL_SPECTRAL),
-        view=neighbour_distances(views, TYPICAL_VIEW),
+        view=lifted(neighbour_distances(views, TYPICAL_VIEW), sample.view_median, TYPICAL_VIEW),
     )
 
 

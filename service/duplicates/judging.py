@@ -113,7 +113,8 @@ class ShapeJudge:
     async def _compare(self, snapshot: _Snapshot) -> None:
         """Register the candidates, unless other pairs have joined them to the shape.
 
-        What is no copy of a mesh, within its chord errors, is none of a finer mesh of the same surface.
+        What is no copy of a mesh, within its chord errors, is mostly none of a finer mesh of its surface: a
+        candidate is left out if one of its copies with no more faces was refused.
         """
         groups = Groups()
         for link in (*snapshot.links, *self._links):
@@ -130,13 +131,11 @@ class ShapeJudge:
             ]
             self._compared += len(batch)
             for number, cc in await self._scored(snapshot, np.array(batch, dtype=np.intp)):
-                known = groups.joined(self.shape, number) or any(
+                decided = groups.joined(self.shape, number) or any(
                     faces[other] <= faces[number] and groups.joined(other, number) for other in refused
                 )
-                if self._aligned < REGISTERED and not known:
-                    is_refused = await self._register(snapshot, groups, number, cc)
-                    if is_refused and not self.search.variants:
-                        refused.append(number)
+                if self._aligned < REGISTERED and not decided:
+                    await self._register(snapshot, groups, refused, number, cc)
         self._considered |= {int(shapes[index]) for index in new}
 
     async def _scored(self, snapshot: _Snapshot, indices: NDArray[np.intp]) -> list[tuple[int, float]]:
@@ -150,10 +149,12 @@ class ShapeJudge:
         matched = await Cascade(self.container, query, reader).score(candidates, len(indices))
         return list(zip(matched.candidates.entries.shapes.tolist(), matched.cc.tolist(), strict=True))
 
-    async def _register(self, snapshot: _Snapshot, groups: Groups, number: int, cc: float) -> bool:
+    async def _register(
+        self, snapshot: _Snapshot, groups: Groups, refused: list[int], number: int, cc: float
+    ) -> None:
         """Register a pair, the older shape first, and keep it if it is a copy or a variant.
 
-        Return whether registration found that it is none.
+        The candidate joins the `refused` ones if it is neither and only copies are sought.
         """
         first, second = sorted((self.shape, number))
         self._aligned += 1
@@ -169,24 +170,22 @@ class ShapeJudge:
             WorkerCrashedError,
         ) as error:
             log.warning("two shapes cannot be aligned: %s", error)
-            return False
-        if copy is None:
-            return True
-        if copy.residual > self.search.max_residual:
-            return False
-        link = Link(
-            first,
-            second,
-            cc,
-            copy.residual,
-            copy.scale,
-            copy.mirrored,
-            variant=copy.difference is not None,
-            difference=None if copy.difference is None else asdict(copy.difference),
-        )
-        groups.join(link)
-        self._links.append(link)
-        return False
+            return
+        if copy is None and not self.search.variants:
+            refused.append(number)
+        if copy is not None and copy.residual <= self.search.max_residual:
+            link = Link(
+                first,
+                second,
+                cc,
+                copy.residual,
+                copy.scale,
+                copy.mirrored,
+                variant=copy.difference is not None,
+                difference=None if copy.difference is None else asdict(copy.difference),
+            )
+            groups.join(link)
+            self._links.append(link)
 
     async def _stored(self, snapshot: _Snapshot, number: int) -> Surface:
         """Return a stored surface to register.

@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from core.arrays import Floats
@@ -33,8 +32,8 @@ from core.ranking.local_density import (
     TYPICAL_VIEW,
     all_log_eigenvalues,
     all_views,
+    lifted,
     neighbour_distances,
-    relative_factor,
 )
 from core.serialization import embedding_from_bytes
 from service.compute.tasks import embed_file
@@ -108,29 +107,30 @@ def score_pairs(pool: Executor, embeddings: Sequence[Embedding], done: Done) -> 
     part = differences.pop("part") > 0.0
     distances = {name: differences.pop(name) for name in DESCRIPTORS}
     distances["eigenvalues"] = np.minimum(distances["eigenvalues"], _kind_distances(embeddings))
-    seen = ~np.isnan(np.diag(distances["network_views"]))
-    for name, which, typical, relative in (
-        ("spectral_density", differences["spectral"], TYPICAL_SPECTRAL, np.zeros_like(seen)),
-        ("view_density", distances["views"], TYPICAL_VIEW, ~seen),
-        ("network_density", distances["network_views"], TYPICAL_NETWORK, seen),
+    for name, which, typical in (
+        ("spectral_density", differences["spectral"], TYPICAL_SPECTRAL),
+        ("view_density", distances["views"], TYPICAL_VIEW),
+        ("network_density", distances["network_views"], TYPICAL_NETWORK),
     ):
-        differences[name] = pair_densities(which, typical, relative)
+        differences[name] = pair_densities(which, typical, lifts=name != "spectral_density")
     pairs = PairDifferences(**differences, distances=distances, part=part)
     return PairScores(cc, ssd, sim, pooled_log_odds(pairs), pairs)
 
 
-def pair_densities(distances: Floats, typical: float, relative: NDArray[np.bool_]) -> Floats:
+def pair_densities(distances: Floats, typical: float, *, lifts: bool) -> Floats:
     """Return the geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
 
     As in the service, neighbours are looked for in a sample of large collections. `typical` is one of
-    `core.ranking.local_density`; distances that are not known are NaN. The distances of shapes that are
-    `relative`, shape (n,), are multiplied by `relative_factor`.
+    `core.ranking.local_density`; distances that are not known are NaN. `lifts` tells whether those to the
+    seventh neighbours are `lifted`.
     """
     sample = sampled(np.arange(1, len(distances) + 1))
     unknown = np.isnan(distances) | np.eye(len(distances), dtype=bool)
     others = np.where(unknown, np.inf, distances)[:, sample]
     nearest = neighbour_distances(others, typical)
-    nearest[relative] *= relative_factor(nearest, typical)
+    known = np.isfinite(others).any(axis=1)
+    if lifts and known.any():
+        nearest = lifted(nearest, float(np.median(nearest[known])), typical)
     return np.asarray(np.sqrt(np.outer(nearest, nearest)))
 
 

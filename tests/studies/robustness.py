@@ -4,7 +4,7 @@
 
 Each shape in turn is perturbed and is the query; the unperturbed shape is left out of the ranking. Parts of
 shapes (holes, cuts) are also ranked by partial matching. `tau` replaces the fixed number of samples of the
-default setting by the paper's sparse ratio, on meshes of about 600 vertices.
+default setting by the paper's sparse ratio, on meshes of at most about 600 vertices.
 """
 
 from collections import defaultdict

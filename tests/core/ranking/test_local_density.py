@@ -23,6 +23,7 @@ from core.ranking.local_density import (
     densities_in,
     density_sample,
     estimated_densities,
+    lifted,
     neighbour_distances,
 )
 from tests.core.ranking.test_kinds import POSES, posed_bodies
@@ -179,28 +180,29 @@ def test_without_a_sample_densities_are_typical():
     assert np.isinf(found.kinds.distances(found.kinds)).all()
 
 
-@pytest.mark.parametrize("seen", [True, False])
-def test_where_all_shapes_look_alike_the_median_density_is_typical(seen):
+def test_where_most_shapes_look_alike_the_median_density_is_typical():
     rng = np.random.default_rng(0)
     alike = [noisy(shape, rng) for shape in shapes()[:3] for _ in range(40)]
-    if not seen:
-        alike = [replace(one, arrays={"views": one.arrays["views"]}) for one in alike]
-    around = density_sample(alike)
-    found = densities_in(around, alike)
-    relative, absolute = (found.network, found.view) if seen else (found.view, found.network)
-    assert np.median(relative) == pytest.approx(TYPICAL_NETWORK if seen else TYPICAL_VIEW, rel=0.1)
-    assert np.median(absolute) < TYPICAL_VIEW / 2 if seen else (absolute == TYPICAL_NETWORK).all()
-    # One factor keeps the order of the densities.
-    exact = replace(around, view_factor=1.0, network_factor=1.0)
-    before, after = (densities_in(each, alike) for each in (exact, around))
-    ratios = after.network / before.network if seen else after.view / before.view
-    assert ratios == pytest.approx(ratios[0])
-    assert ratios[0] > 1.5
+    found = densities_in(density_sample(alike), alike)
+    assert np.median(found.view) == pytest.approx(TYPICAL_VIEW, rel=0.1)
+    assert np.median(found.network) == pytest.approx(TYPICAL_NETWORK, rel=0.1)
+    # Shapes without views of the network do not count.
+    bare = [replace(one, arrays={"views": one.arrays["views"]}) for one in alike]
+    around = density_sample([*alike, *bare])
+    assert around.network_median == pytest.approx(density_sample(alike).network_median, rel=0.2)
+    assert density_sample(bare).network_median == TYPICAL_NETWORK
+
+
+def test_no_density_is_lifted_above_the_typical_one():
+    densities = np.array([0.01, 0.1, 0.2, 0.5, 2.0])
+    assert lifted(densities, 0.1, 0.5) == pytest.approx([0.05, 0.5, 0.5, 0.5, 2.0])
+    assert (lifted(densities, 1.0, 0.5) == densities).all()
 
 
 def test_collections_of_unlike_shapes_keep_their_densities():
     around = density_sample(shapes())
-    assert (around.view_factor, around.network_factor) == (1.0, 1.0)
+    assert around.view_median >= TYPICAL_VIEW
+    assert around.network_median >= TYPICAL_NETWORK
 
 
 def test_the_nearest_views_of_many_shapes_are_mostly_found():
@@ -211,11 +213,11 @@ def test_the_nearest_views_of_many_shapes_are_mostly_found():
     around = density_sample(sample)
     found = densities_in(around, queries)
     _, views, seen = zip(*(plain(sample, shape) for shape in queries), strict=True)
-    for density, distances, typical, factor in (
-        (found.view, views, TYPICAL_VIEW, 1.0),
-        (found.network, seen, TYPICAL_NETWORK, around.network_factor),
+    for density, distances, typical, median in (
+        (found.view, views, TYPICAL_VIEW, around.view_median),
+        (found.network, seen, TYPICAL_NETWORK, around.network_median),
     ):
-        truth = factor * neighbour_distances(np.array(distances), typical)
+        truth = lifted(neighbour_distances(np.array(distances), typical), median, typical)
         assert (density >= truth - 1e-12).all()
         assert density == pytest.approx(truth, rel=0.05)
 
