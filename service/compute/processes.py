@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import resource
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from service.compute.worker_loop import THREADS, decode, serve
@@ -71,6 +73,21 @@ def fork_server() -> ForkServerContext | SpawnContext:
     return context
 
 
+@contextmanager
+def _without_main_module() -> Iterator[None]:
+    """Have processes that start during the block not import the program that runs the service.
+
+    That may take seconds, and is no concern of readers of hostile files. The functions of tasks belong to
+    modules.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
 def is_stopped(pid: int) -> bool:
     """Return whether a signal or a debugger has stopped a process; False without /proc."""
     try:
@@ -113,7 +130,7 @@ def _started(arguments: dict[str, Any]) -> BaseProcess:
         process = fork_server().Process(**arguments, daemon=True)
         try:
             # A fork server that has just died is started again by this call.
-            with _environment_of_workers(), _fork_server_goes_on():
+            with _environment_of_workers(), _without_main_module(), _fork_server_goes_on():
                 process.start()
         except (EOFError, OSError) as error:
             if not tries_left:

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -411,3 +413,23 @@ def test_a_worker_that_stands_still_costs_its_call_a_repetition(monkeypatch: pyt
             call.result()
         assert time.monotonic() - start < 10
         assert pool.submit(os.getpid).result() != stopped
+
+
+PROGRAM = """
+print("imported", flush=True)
+
+if __name__ == "__main__":
+    from service.compute.processes import WorkerProcess
+
+    process = WorkerProcess()
+    process.send(len, ("three",))
+    print(process.receive(100.0))
+    process.end()
+"""
+
+
+def test_a_process_does_not_import_the_program_that_runs_the_service(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    printed = subprocess.check_output([sys.executable, program], text=True, cwd=Path.cwd())
+    assert printed.split() == ["imported", "5"]
