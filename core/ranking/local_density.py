@@ -52,8 +52,8 @@ class LocalDensities:
     """The surroundings of shapes among the stored shapes.
 
     `spectral`, `view` and `network`, float64 of shape (c,), > 0, are distances to the seventh neighbours by
-    eigenvalues, by views, and by views that a network sees. The latter two are `lifted`. `kinds` has the kind
-    of each shape.
+    eigenvalues, by views, and by views that a network sees. Both distances by views are `lifted`. `kinds`
+    has the kind of each shape.
     """
 
     spectral: Floats
@@ -101,8 +101,8 @@ def neighbour_distances(distances: Floats, typical: float) -> Floats:
 def lifted(densities: Floats, median: float, typical: float) -> Floats:
     """Return distances to seventh neighbours, raised by one factor if their median is below the typical one.
 
-    None is raised above the typical one. Where most stored shapes look alike, as machine parts and people do,
-    near neighbours do not make a hub.
+    No distance is raised above the typical one. Where most stored shapes look alike, as machine parts and
+    people do, near neighbours do not make a hub.
     """
     raised = max(1.0, typical / median) * densities
     return np.asarray(np.minimum(raised, np.maximum(densities, typical)))

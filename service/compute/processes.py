@@ -77,8 +77,8 @@ def fork_server() -> ForkServerContext | SpawnContext:
 def _without_main_module() -> Iterator[None]:
     """Have processes that start during the block not import the program that runs the service.
 
-    That may take seconds, and is no concern of readers of hostile files. The functions of tasks belong to
-    modules.
+    The import may take seconds, and readers of hostile files have no use for it. Tasks are functions of
+    other modules.
     """
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")

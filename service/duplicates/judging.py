@@ -113,8 +113,8 @@ class ShapeJudge:
     async def _compare(self, snapshot: _Snapshot) -> None:
         """Register the candidates, unless other pairs have joined them to the shape.
 
-        What is no copy of a mesh, within its chord errors, is mostly none of a finer mesh of its surface: a
-        candidate is left out if one of its copies with no more faces was refused.
+        A shape that is no copy of a mesh, within its chord errors, is mostly no copy of a finer mesh of that
+        surface: a candidate is left out if one of its copies with no more faces was refused.
         """
         groups = Groups()
         for link in (*snapshot.links, *self._links):

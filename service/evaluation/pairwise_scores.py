@@ -121,8 +121,8 @@ def pair_densities(distances: Floats, typical: float, *, lifts: bool) -> Floats:
     """Return the geometric means of two shapes' distances to their seventh neighbours, shape (n, n).
 
     As in the service, neighbours are looked for in a sample of large collections. `typical` is one of
-    `core.ranking.local_density`; distances that are not known are NaN. `lifts` tells whether those to the
-    seventh neighbours are `lifted`.
+    `core.ranking.local_density`; distances that are not known are NaN. `lifts` tells whether the
+    neighbours' distances are `lifted`.
     """
     sample = sampled(np.arange(1, len(distances) + 1))
     unknown = np.isnan(distances) | np.eye(len(distances), dtype=bool)

@@ -180,7 +180,7 @@ class SurfaceMeasurements:
 
 
 def _numbers(facts: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the fields of `Invariants` after the signature; a closed surface has 1."""
+    """Return the fields of `Invariants` after the signature; the last is 1 for a closed surface."""
     unit = float(facts["area"]) ** 0.5
     sides, radii = (
         np.log(np.maximum(np.array(lengths) / whole, 1e-9)).tolist()

@@ -79,7 +79,7 @@ def test_the_groups_are_those_of_every_pair_by_force(running: Running) -> None:
     assert groups(running, scaled=True, variants=True) == with_variants
 
 
-def test_what_is_no_copy_of_a_part_is_not_registered_with_finer_copies(running: Running) -> None:
+def test_a_variant_of_a_part_is_not_registered_with_finer_copies_of_it(running: Running) -> None:
     ids = {}
     for kind in ("first", "turned", "finer", "moved"):
         mesh, _ = changed_part("housing", 50_005, 0.1, kind, 1)
