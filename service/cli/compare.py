@@ -146,8 +146,10 @@ def duplicates_command(
             left = total + 1
             while 0 < answer.unjudged < left:
                 left = answer.unjudged
-                answer = ask()
+                answer = ask(limit=0)
                 bar.update(task, completed=total - answer.unjudged)
+            if total:
+                answer = ask(judging_seconds=0.0)
     if answer.unjudged:
         say(f"{count_of(answer.unjudged, 'shape')} cannot be judged now: the groups may be incomplete")
     if xlsx is not None:

@@ -77,12 +77,11 @@ class Tools:
         self, words: str = "", scaled: bool = False, variants: bool = False, limit: int = 20
     ) -> Written:
         """Find groups of near-identical shapes, with `scaled` of any size, with `variants` variants too."""
-        answer = self._client.duplicates(q=words or None, scaled=scaled, variants=variants)
+        answer = self._client.duplicates(q=words or None, scaled=scaled, variants=variants, limit=limit)
         groups = [
-            [{**_shape(each.shape), "likeness": each.likeness} for each in group]
-            for group in answer.groups[:limit]
+            [{**_shape(each.shape), "likeness": each.likeness} for each in group] for group in answer.groups
         ]
-        return {"groups": groups, "total": len(answer.groups), "unjudged": answer.unjudged}
+        return {"groups": groups, "total": answer.total, "unjudged": answer.unjudged}
 
     def facets(self, words: str = "") -> Written:
         """Count the shapes that have all words, by tag, format, longest side and collection."""

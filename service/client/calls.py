@@ -354,6 +354,7 @@ def duplicates(
     variants: bool | None = None,
     decided: bool | None = None,
     judging_seconds: float | None = None,
+    limit: int | None = None,
     **filters: Unpack[Filters],
 ) -> Call[DuplicatesAnswer]:
     """Find groups of near-identical shapes among the shapes that pass the filters.
@@ -368,6 +369,7 @@ def duplicates(
         variants=variants,
         decided=decided,
         judging_seconds=judging_seconds,
+        limit=limit,
     )
     params = _filtered(filters) | options
     return Call("GET", "/duplicates", parsed(DuplicatesAnswer), params=params)

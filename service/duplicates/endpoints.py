@@ -60,6 +60,11 @@ class DuplicatesOptions(NamedInAddress, Filters):
         description="How long to judge shapes that are not judged yet, by default and at most "
         f"{service.JUDGING_SECONDS:g} seconds; 0: none is.",
     )
+    limit: int | None = Field(
+        default=None,
+        ge=0,
+        description="The largest number of groups in the answer, by default all; 0: only the numbers.",
+    )
     format: Literal["json", "csv", "xlsx"] = Field(
         default="json", description="csv or xlsx: one row for each shape."
     )
@@ -108,6 +113,7 @@ async def duplicates(
             active_pipeline,
             timings,
             seconds=options.judging_seconds,
+            limit=options.limit,
             with_paths=collection.shows_paths,
         )
 

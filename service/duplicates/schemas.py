@@ -74,7 +74,8 @@ class Duplicate(BaseModel):
 class DuplicatesAnswer(BaseModel):
     """Groups of two or more near-identical shapes, the group with the oldest shape first."""
 
-    groups: list[list[Duplicate]]
+    groups: list[list[Duplicate]] = Field(description="The first groups, by default all.")
+    total: int = Field(description="The number of all groups.")
     shapes: int = Field(description="The number of shapes searched.")
     compared: int = Field(description="The number of pairs compared to judge these shapes.")
     aligned: int = Field(description="The number of pairs registered to judge these shapes.")

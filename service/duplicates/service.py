@@ -38,7 +38,7 @@ RECORDS_AT_ONCE = 1_000
 LOOK_SECONDS, BUSY_SECONDS, TRY_AGAIN_SECONDS = 2.0, 0.25, 60.0
 """Seconds between looks for new shapes, between looks at a busy service, and after an error."""
 
-JUDGED_AT_ONCE = 64
+JUDGED_AT_ONCE = 256
 """Shapes to judge, or to find neighbours of, that one statement reads."""
 
 log = get_logger("duplicates")
@@ -53,9 +53,10 @@ async def find(
     timings: Timings,
     *,
     seconds: float | None = None,
+    limit: int | None = None,
     with_paths: bool = False,
 ) -> DuplicatesAnswer:
-    """Find the groups of near-identical shapes, perhaps with the paths of their files in sources.
+    """Find the groups of near-identical shapes, the first `limit` or all, perhaps with paths in sources.
 
     Shapes that are not judged yet are judged first, for about `seconds`, by default `JUDGING_SECONDS`, where
     the archive can be written to. The kept pairs within the bounds join the shapes of the whole collection;
@@ -75,7 +76,7 @@ async def find(
 
     with timings.stage("results"):
         answer = await container.database.reading(
-            _report, searches, shapes, bounds, counted, with_paths=with_paths
+            _report, searches, shapes, bounds, counted, limit=limit, with_paths=with_paths
         )
     return answer.model_copy(update={"milliseconds": timings.so_far()})
 
@@ -87,6 +88,7 @@ def _report(
     bounds: Search,
     counted: Counted,
     *,
+    limit: int | None,
     with_paths: bool,
 ) -> DuplicatesAnswer:
     collection = wanted.collection
@@ -104,6 +106,8 @@ def _report(
     if decided and not counted.decided:
         left = undecided([[member.shape for member in group] for group in members], files, decided)
         members = groups.members(left, counted)
+    total = len(members)
+    members = members[:limit]
     shown = [member for group in members for member in group]
     compared_with = {member.compared_with for member in shown if member.compared_with is not None}
     numbers = sorted({member.shape for member in shown} | compared_with)
@@ -137,6 +141,7 @@ def _report(
             ]
             for group in members
         ],
+        total=total,
         shapes=len(shapes),
         compared=int(compared),
         aligned=int(aligned),

@@ -109,6 +109,7 @@ CALLS: list[tuple[str, tuple[object, ...], dict[str, Any], str]] = [
             "variants": True,
             "decided": True,
             "judging_seconds": 0.5,
+            "limit": 5,
             **FILTERS,
         },
         "GET /duplicates",

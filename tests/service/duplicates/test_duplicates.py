@@ -103,6 +103,15 @@ def test_size_counts_unless_told_otherwise_and_hands_count_if_told(
     }
 
 
+@pytest.mark.parametrize("limit", [0, 1, 2, 1000])
+def test_a_limit_leaves_the_first_groups_and_the_number_of_all(planted: Running, limit: int) -> None:
+    whole = planted.client.get("/duplicates", params={"scaled": True}).json()
+    few = planted.client.get("/duplicates", params={"scaled": True, "limit": limit}).json()
+    assert len(whole["groups"]) == whole["total"] > 2
+    assert few.pop("groups") == whole.pop("groups")[:limit]
+    assert {**few, "milliseconds": None} == {**whole, "milliseconds": None}
+
+
 def test_as_csv(planted: Running) -> None:
     answer = planted.client.get("/duplicates", params={"format": "csv", "name": "plane"})
     assert answer.headers["content-type"].startswith("text/csv")
@@ -120,7 +129,9 @@ def test_no_cell_is_a_formula() -> None:
     names = [*(f"{sign}HYPERLINK(1)" for sign in FORMULA), "1=2.off"]
     shapes = [Shape.model_validate({**SHAPE, "name": name}) for name in names]
     group = [Duplicate(shape=shape, likeness="same", scale=1.0, cc=1.0, residual=0.0) for shape in shapes]
-    answer = DuplicatesAnswer(groups=[group], shapes=len(names), compared=0, aligned=0, milliseconds={})
+    answer = DuplicatesAnswer(
+        groups=[group], total=1, shapes=len(names), compared=0, aligned=0, milliseconds={}
+    )
     rows = csv.DictReader(io.StringIO(answer.csv(), newline=""))
     assert [row["name"] for row in rows] == [*(f"'{name}" for name in names[:-1]), names[-1]]
 
@@ -129,7 +140,7 @@ def test_a_cell_of_a_workbook_has_whole_paths() -> None:
     paths = [f"/models/{number:03}{'x' * 600}.off" for number in range(100)]
     shape = Shape.model_validate(SHAPE)
     one = Duplicate(shape=shape, likeness="same", scale=1.0, cc=1.0, residual=0.0, paths=paths)
-    made = DuplicatesAnswer(groups=[[one]], shapes=1, compared=0, aligned=0, milliseconds={})
+    made = DuplicatesAnswer(groups=[[one]], total=1, shapes=1, compared=0, aligned=0, milliseconds={})
     told = cells_of(made.xlsx())[1][-1].split("\n")
     assert told == paths[: len(told)]
     assert len("\n".join(told)) <= MOST_IN_CELL < len("\n".join(paths[: len(told) + 1]))
@@ -141,7 +152,7 @@ def test_a_workbook_has_the_rows_of_the_csv(planted: Running) -> None:
     assert (answer.headers["content-type"], answer.headers["cache-control"]) == (XLSX, "no-store")
     shape = Shape.model_validate({**SHAPE, "name": "=1+2"})
     named = Duplicate(shape=shape, likeness="same", scale=0.5, cc=1.0, residual=0.0, decision="different")
-    made = DuplicatesAnswer(groups=[[named]], shapes=1, compared=0, aligned=0, milliseconds={})
+    made = DuplicatesAnswer(groups=[[named]], total=1, shapes=1, compared=0, aligned=0, milliseconds={})
     cells = ["1", shape.id, "=1+2", "same", "0.5", "1", "0", "", "different"]
     assert cells_of(made.xlsx()) == [list(COLUMNS), cells[:7] + cells[8:]]
     rows = csv.reader(io.StringIO(planted.client.get("/duplicates", params={**wanted, "format": "csv"}).text))
@@ -255,7 +266,7 @@ def test_the_columns_name_the_numbers_of_the_pair_of_a_shape() -> None:
     shape = Shape.model_validate({**SHAPE})
     numbers = {"scale": second.scale, "cc": second.cc, "residual": second.residual}
     group = [Duplicate(shape=shape, likeness=second.likeness, **numbers)]
-    made = DuplicatesAnswer(groups=[group], shapes=1, compared=0, aligned=0, milliseconds={})
+    made = DuplicatesAnswer(groups=[group], total=1, shapes=1, compared=0, aligned=0, milliseconds={})
     (row,) = csv.DictReader(io.StringIO(made.csv(), newline=""))
     assert (row["scale"], row["pair_cc"], row["pair_residual"]) == ("2.0", "0.99", "0.001")
 
