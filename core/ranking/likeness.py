@@ -38,10 +38,10 @@ are nearer as poses. docs/likeness.md has the shares of both."""
 POSE_CC = 0.96
 """Least CC of two nearly isometric surfaces."""
 
-BENT = 0.075
+BENT, STRETCHED = 0.055, 1.6
 """Least distance of corresponding samples after the best similarity transform
-(`core.registration.similarity.bend`), over the root of the area, of two poses of one body, beyond their
-isometry distance: parts of other proportions are about as far from a copy as from isometric."""
+(`core.registration.similarity.bend`), over the root of the area, of two poses of one body, beyond `STRETCHED`
+times their isometry distance: parts of other proportions are about as far from a copy as from isometric."""
 
 SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""
@@ -71,7 +71,7 @@ def least_bend(isometry: float) -> float:
 
     Surfaces that are not nearly isometric count as if they were just so.
     """
-    return BENT + min(isometry, NEAR_ISOMETRIC)
+    return BENT + STRETCHED * min(isometry, NEAR_ISOMETRIC)
 
 
 def likeness(

@@ -68,6 +68,8 @@ class CurvedSurface:
         The same without the heights of edges that an even mesh does not follow: these lie between vertices.
     own : float64, shape (f,)
         Chord error of each triangle itself, or the mean of its smooth region: 0 for planes.
+    planar : bool, shape (f,)
+        Whether a triangle is part of a plane that only sharp edges bound.
     regions : int64, shape (f,)
         The smooth region of each triangle: regions meet at sharp edges.
     twins : int64, shape (3 f,)
@@ -91,6 +93,7 @@ class CurvedSurface:
     spread: Floats
     sagittas: Floats
     own: Floats
+    planar: NDArray[np.bool_]
     regions: Ints
     twins: Ints
     sharp: Ints
@@ -257,6 +260,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         spread=_around(mesh.faces, errors),
         sagittas=_around(mesh.faces, sagittas),
         own=np.where(plane, 0.0, errors),
+        planar=(_sums(facets, chord) == 0.0)[facets],
         regions=regions,
         twins=twins,
         sharp=np.concatenate([on_curved[~smooth], unpaired]),

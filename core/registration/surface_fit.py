@@ -35,6 +35,10 @@ PRECISION, CURVED = 1e-4, 0.25
 """Standard deviation of a distance between two copies: over the root of the area, and in addition over the
 chord error. The points of `CurvedSurface.at` are nearer to the smooth surface than the triangles."""
 
+EXACT = 1e-5
+"""Least standard deviation of a distance between two planes that only sharp edges bound: up to `PRECISION`,
+the distance itself. Such planes tell the scale where vertices of curved surfaces lie beside the surface."""
+
 COARSE = 3
 """Stride through the points in a coarse fit."""
 
@@ -124,7 +128,7 @@ def _stepped(
     points = np.concatenate([moved, motion.apply(back)])
     normals = np.concatenate([ahead_normals, back_normals @ motion.rotation.T])
     gaps = np.concatenate([ahead, targets]) - points
-    # Robust weights: near pairs count by their variance, far ones hardly. Vertices and planes are exact.
+    # Robust weights: near pairs count by their variance, far ones hardly. Vertices have no chord error.
     squares = (gaps**2).sum(axis=1)
     spans = np.concatenate([first.errors[ours] + ahead_errors, second.errors[theirs] + back_errors])
     sag = np.concatenate(
@@ -135,7 +139,13 @@ def _stepped(
             + first.curved.sagged(first_shares, first_faces),
         ]
     )
-    deviations = PRECISION + CURVED * sag
+    planes = np.concatenate(
+        [
+            first.curved.planar[first.faces[ours]] & second.curved.planar[second_faces],
+            second.curved.planar[second.faces[theirs]] & first.curved.planar[first_faces],
+        ]
+    )
+    deviations = np.where(planes, np.clip(np.sqrt(squares), EXACT, PRECISION), PRECISION + CURVED * sag)
     widths = np.maximum(width, deviations)
     weights = (widths / deviations * widths / (widths**2 + squares)) ** 2
     # The linear system of rotation, log scale and shift.

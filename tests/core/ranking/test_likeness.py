@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from core.ranking.isometry import distance_of_steps
-from core.ranking.likeness import NEAR_ISOMETRIC, POSE_CC, SIMILAR, Copy, Likeness, likeness, may_be_pose
+from core.ranking.likeness import (
+    NEAR_ISOMETRIC,
+    POSE_CC,
+    SIMILAR,
+    Copy,
+    Likeness,
+    least_bend,
+    likeness,
+    may_be_pose,
+)
 
 
 @pytest.mark.parametrize(("scale", "told"), [(1.0, "same"), (0.98, "same"), (1.5, "scaled"), (0.3, "scaled")])
@@ -26,6 +35,12 @@ def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> N
     assert likeness(probability=0.0, pose=True) == "pose"
     assert likeness(probability=SIMILAR) == "similar"
     assert likeness(probability=np.nextafter(SIMILAR, 0.0)) == "weak"
+
+
+def test_what_is_farther_from_isometric_bends_more_to_be_a_pose() -> None:
+    assert least_bend(0.0) == pytest.approx(0.055)
+    assert least_bend(0.05) == pytest.approx(0.135)
+    assert least_bend(np.inf) == least_bend(NEAR_ISOMETRIC)
 
 
 def test_a_common_factor_and_the_volume_count_in_the_isometry_distance() -> None:
