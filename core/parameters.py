@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from core.errors import ParameterError
 
-METHOD_VERSION = 16
+METHOD_VERSION = 17
 """Raised whenever the same parameters would give other embeddings or other scores."""
 
 Rounds = Annotated[int, Field(ge=1, le=1000)]

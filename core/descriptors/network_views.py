@@ -1,9 +1,9 @@
 """Views of a surface as a network trained on photographs sees them, where the extra `views` is installed.
 
-EfficientNet-Lite0 (M. Tan, Q. Le, ICML 2019) with the weights of ImageNet sees six depth images. Its pooled
-features are compared view by view, so neither the connectivity of the mesh nor its pieces matter. H. Su, S.
-Maji, E. Kalogerakis, E. Learned-Miller, "Multi-view convolutional neural networks for 3D shape recognition",
-ICCV 2015.
+EfficientNet-Lite0 (M. Tan, Q. Le, ICML 2019) with the weights of ImageNet sees six images of depth and
+shading. Its pooled features are compared view by view, so neither the connectivity of the mesh nor its pieces
+matter. H. Su, S. Maji, E. Kalogerakis, E. Learned-Miller, "Multi-view convolutional neural networks for 3D
+shape recognition", ICCV 2015.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,6 @@ from core.numerics.compilation import compiled, constant
 VIEWS = 6
 """Number of views: along each axis of the frame of the points, and against it."""
 
-CHANNELS = 3
-"""Number of equal channels of an image."""
-
 
 @cache
 def is_available() -> bool:
@@ -41,7 +38,7 @@ def network_views(surface: NormalisedSurface, faces: Ints) -> Int8s:
     translation change them by rounding only.
     """
     images = depth_images(surface.points, faces, directed_axes(surface, faces), SIZE)
-    pixels = np.repeat((255.0 * images - 127.0)[:, None] / 128.0, CHANNELS, axis=1).astype(np.float32)
+    pixels = (255.0 * images - 127.0) / 128.0
     # One view at a time takes a sixth of the memory, and as long.
     features = np.concatenate([session().run(None, {"image": view[None]})[0] for view in pixels])
     centred = np.sqrt(features) - _mean()

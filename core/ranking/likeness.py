@@ -41,7 +41,8 @@ POSE_CC = 0.96
 BENT, STRETCHED = 0.055, 1.6
 """Least distance of corresponding samples after the best similarity transform
 (`core.registration.similarity.bend`), over the root of the area, of two poses of one body, beyond `STRETCHED`
-times their isometry distance: parts of other proportions are about as far from a copy as from isometric."""
+times their isometry distance: parts of other proportions are no copies for the reason that makes them not
+isometric."""
 
 SIMILAR = 0.5
 """Least class probability of two similar shapes: one class is as probable as two."""

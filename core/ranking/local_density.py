@@ -38,7 +38,8 @@ NEIGHBOUR = 7
 """The neighbour whose distance measures the density."""
 
 TYPICAL_SPECTRAL, TYPICAL_VIEW, TYPICAL_NETWORK = 0.14, 0.76, 0.45
-"""Distances to the seventh neighbour, the mean of the medians of the collections of the calibration."""
+"""Distances to the seventh neighbour that count as typical: near the medians of the collections of the
+calibration."""
 
 ENOUGH = 100
 """Number of shapes from which their distances alone tell the density."""

@@ -69,7 +69,8 @@ class CurvedSurface:
     own : float64, shape (f,)
         Chord error of each triangle itself, or the mean of its smooth region: 0 for planes.
     planar : bool, shape (f,)
-        Whether a triangle is part of a plane that only sharp edges bound.
+        Whether a triangle is part of a flat facet that bends smoothly to no other: not of a plane that a
+        fillet meets.
     regions : int64, shape (f,)
         The smooth region of each triangle: regions meet at sharp edges.
     twins : int64, shape (3 f,)
@@ -233,6 +234,8 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
     for ours, theirs in ((faces[bent], others[bent]), (others[bent], faces[bent])):
         np.maximum.at(largest, facets[ours], facet_areas[facets[theirs]])
     plane = (facet_areas > PLANE * largest)[facets]
+    # Vertices of a fillet may tilt such a plane, but not one that only sharp edges bound.
+    planar = (_sums(facets, chord) == 0.0)[facets]
     round_areas = areas * (chord > 0.0)
     means = _sums(regions, round_areas * chord) / np.maximum(_sums(regions, round_areas), TINY)
     sagittas = np.maximum(chord, means[regions])
@@ -260,7 +263,7 @@ def curved_surface(mesh: Mesh, centre: Floats, unit: float) -> CurvedSurface:
         spread=_around(mesh.faces, errors),
         sagittas=_around(mesh.faces, sagittas),
         own=np.where(plane, 0.0, errors),
-        planar=(_sums(facets, chord) == 0.0)[facets],
+        planar=planar,
         regions=regions,
         twins=twins,
         sharp=np.concatenate([on_curved[~smooth], unpaired]),

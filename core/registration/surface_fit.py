@@ -2,8 +2,9 @@
 
 Y. Chen and G. Medioni, "Object modelling by registration of multiple range images", Image and Vision
 Computing 10(3), 1992, with a scale and in both directions. Each pair counts by its variance, which its chord
-errors give, and far pairs hardly count (the weights of S. Geman and D. McClure, as in Q.-Y. Zhou, J. Park and
-V. Koltun, "Fast global registration", ECCV 2016), so that a local difference does not pull.
+errors give, or the distance of two planes, and far pairs hardly count (the weights of S. Geman and D.
+McClure, as in Q.-Y. Zhou, J. Park and V. Koltun, "Fast global registration", ECCV 2016), so that a local
+difference does not pull.
 
 Two tessellations of one surface differ by their chord errors. A deviation beyond these errors, after the fit,
 is a difference of the surfaces: of a few probes, of vertices side by side, or, smaller, of a whole smooth
@@ -35,9 +36,10 @@ PRECISION, CURVED = 1e-4, 0.25
 """Standard deviation of a distance between two copies: over the root of the area, and in addition over the
 chord error. The points of `CurvedSurface.at` are nearer to the smooth surface than the triangles."""
 
-EXACT = 1e-5
-"""Least standard deviation of a distance between two planes that only sharp edges bound: up to `PRECISION`,
-the distance itself. Such planes tell the scale where vertices of curved surfaces lie beside the surface."""
+EXACT_PLANES = 1e-5
+"""Standard deviation of a distance between two planes that only sharp edges bound: the distance itself, but
+at least this and at most `PRECISION`. Such planes tell the scale where vertices lie beside a curved surface.
+"""
 
 COARSE = 3
 """Stride through the points in a coarse fit."""
@@ -115,8 +117,9 @@ def _stepped(
 ) -> tuple[Similarity, _Faces, float, float]:
     """Take one Gauss-Newton step, from the points of `stride` and the closest faces of the step before.
 
-    A pair at the distance `width` has a quarter of its weight. Return the next transform, the closest faces,
-    the largest change of a parameter, and the share of the points that deviated before the step.
+    A pair at the distance `width` has a quarter of its weight, if not both are planes. Return the next
+    transform, the closest faces, the largest change of a parameter, and the share of the points that deviated
+    before the step.
     """
     ours, theirs = first.fit[::stride], second.fit[::stride]
     # Pairs of points and closest points, both ways, in the frame of the second surface.
@@ -145,7 +148,9 @@ def _stepped(
             second.curved.planar[second.faces[theirs]] & first.curved.planar[first_faces],
         ]
     )
-    deviations = np.where(planes, np.clip(np.sqrt(squares), EXACT, PRECISION), PRECISION + CURVED * sag)
+    deviations = np.where(
+        planes, np.clip(np.sqrt(squares), EXACT_PLANES, PRECISION), PRECISION + CURVED * sag
+    )
     widths = np.maximum(width, deviations)
     weights = (widths / deviations * widths / (widths**2 + squares)) ** 2
     # The linear system of rotation, log scale and shift.

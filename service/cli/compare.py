@@ -148,10 +148,11 @@ def duplicates_command(
                 left = answer.unjudged
                 answer = ask(limit=0)
                 bar.update(task, completed=total - answer.unjudged)
+            unjudged = answer.unjudged
             if total:
                 answer = ask(judging_seconds=0.0)
-    if answer.unjudged:
-        say(f"{count_of(answer.unjudged, 'shape')} cannot be judged now: the groups may be incomplete")
+    if unjudged:
+        say(f"{count_of(unjudged, 'shape')} cannot be judged now: the groups may be incomplete")
     if xlsx is not None:
         xlsx.write_bytes(answer.xlsx())
     if as_csv:

@@ -82,6 +82,8 @@ class ShapeJudge:
                 return
 
     def _look(self, session: ReadSession) -> _Snapshot | None:
+        if repository.judged(session, self.search, [self.shape]):
+            return None
         measured = self.container.measurements.current(session, self.active_pipeline.index)
         index = measured.index_of(self.shape)
         if index is None:
@@ -89,9 +91,7 @@ class ShapeJudge:
         embedding = int(measured.entries.embeddings[index])
         record = search_repository.embedding_records(session, [embedding]).get(embedding)
         near = self._near(measured, index)
-        done = repository.judged(session, self.search, [self.shape, *measured.entries.shapes[near].tolist()])
-        if self.shape in done:
-            return None
+        done = repository.judged(session, self.search, measured.entries.shapes[near].tolist())
         near = near[np.isin(measured.entries.shapes[near], list(done))]
         numbers = [self.shape, *measured.entries.shapes[near].tolist()]
         links = repository.links_among(session, self.search.fingerprint, numbers)

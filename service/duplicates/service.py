@@ -38,8 +38,9 @@ RECORDS_AT_ONCE = 1_000
 LOOK_SECONDS, BUSY_SECONDS, TRY_AGAIN_SECONDS = 2.0, 0.25, 60.0
 """Seconds between looks for new shapes, between looks at a busy service, and after an error."""
 
-JUDGED_AT_ONCE = 256
-"""Shapes to judge, or to find neighbours of, that one statement reads."""
+JUDGED_AT_ONCE, LOOKED_AT_ONCE = 256, 64
+"""Shapes to judge that one statement reads for a request; and to judge, or to find neighbours of, in the
+background, which then looks for new shapes."""
 
 log = get_logger("duplicates")
 
@@ -228,7 +229,8 @@ async def _judge_some(
 
     async def look() -> list[tuple[CollectionNumber, int]]:
         reading = container.database.reading
-        return await reading(repository.unjudged, search, collection=collection, limit=JUDGED_AT_ONCE)
+        limit = LOOKED_AT_ONCE if collection is None else JUDGED_AT_ONCE
+        return await reading(repository.unjudged, search, collection=collection, limit=limit)
 
     unjudged = await look()
     keys = {(shape, search.variants) for _, shape in unjudged}
@@ -268,7 +270,7 @@ async def find_neighbours(container: Container, active_pipeline: ActivePipeline)
     if not active_pipeline.pipeline.matcher.uses_match_records:
         return False
     reading, fingerprint = container.database.reading, active_pipeline.fingerprint
-    shapes = await reading(neighbour_repository.lacking, fingerprint, JUDGED_AT_ONCE)
+    shapes = await reading(neighbour_repository.lacking, fingerprint, LOOKED_AT_ONCE)
     for shape in shapes:
         await _idle(container)
         await make_row(container, active_pipeline, *shape)

@@ -45,6 +45,12 @@ def simplified(mesh: Mesh, share: float = 0.5) -> Mesh:
     return Mesh(frame.invert(made.vertices), made.faces)
 
 
+def on_other_mesh(mesh: Mesh, vertices: int) -> Mesh:
+    """The surface with about as many vertices, at other places."""
+    split = quartered(mesh)
+    return simplified(split, vertices / len(split.vertices))
+
+
 def decimated(mesh: Mesh, tolerance: float) -> Mesh:
     """With half of the vertices, or the least share for which neither surface is farther from the other."""
     for share in np.arange(0.5, 1.0, 0.1):

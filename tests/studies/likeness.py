@@ -37,7 +37,7 @@ from service.evaluation.retrieval import collection_files, score_collection
 from service.search.likeness import is_pose
 from service.search.records import Surface
 from tests.studies.common import run, write
-from tests.studies.copies import copy, moved, quartered, simplified
+from tests.studies.copies import copy, moved, on_other_mesh
 from tests.studies.machine_parts import FAMILIES, Drawing
 from tests.studies.machine_parts import part as machine_part
 from tests.studies.planted import PlantedPair, compared, write_table
@@ -105,7 +105,7 @@ def planted(kind: str, label: str, body: int) -> PlantedPair:
         case "mirrored":
             second = moved(first, body, mirrored=True)
         case "posed":
-            # Another mesh of the same surface: at another resolution, fins vanish and fingers fuse.
+            # At another resolution, fins of a body vanish and its fingers fuse: that is no pose of it.
             second = moved(on_other_mesh(make_body(label, body).posed(1), other_mesh), body)
         case "another individual":
             second = make_body(label, body + 500, vertices=other_mesh).posed(1)
@@ -116,12 +116,6 @@ def planted(kind: str, label: str, body: int) -> PlantedPair:
     files = write_mesh(first, "off"), write_mesh(second, "off")
     known_scale = scale if kind in {"turned", "scaled", "remeshed"} else None
     return PlantedPair(kind, name, files, KINDS[kind], known_scale)
-
-
-def on_other_mesh(mesh: Mesh, vertices: int) -> Mesh:
-    """Return a surface with about as many vertices, at other places."""
-    split = quartered(mesh)
-    return simplified(split, vertices / len(split.vertices))
 
 
 def likenesses(collection: Path, workers: int | None) -> list[dict[str, object]]:

@@ -11,7 +11,16 @@ import pytest
 from scipy.signal import correlate
 
 from core.descriptors import network_weights
-from core.descriptors.depth_images import EMPTY, FARTHEST, FILLED, NEAREST, depth_images
+from core.descriptors.depth_images import (
+    BRIGHTEST,
+    DARKEST,
+    EMPTY,
+    FARTHEST,
+    FILLED,
+    LIGHT,
+    NEAREST,
+    depth_images,
+)
 from core.descriptors.network import EPSILON, FEATURES, SIZE, STRIDES
 from core.descriptors.network_views import VIEWS, network_view_distance, network_views, session
 from core.descriptors.network_weights import tensors
@@ -134,14 +143,27 @@ def test_a_box_fills_the_images_and_is_as_deep_as_it_is():
     widths = {0: (2, 1), 1: (1, 4), 2: (4, 2)}  # along x one sees y and z, and so on
     for axis, (across, up) in widths.items():
         scale = FILLED * 100 / max(across, up)
-        for image in images[2 * axis : 2 * axis + 2]:
+        for image in images[2 * axis : 2 * axis + 2, 0]:
             covered = image != EMPTY
             assert covered.sum() == pytest.approx(across * up * scale**2, rel=0.05)
             assert np.ptp(image[covered]) == 0.0
     tilted = depth_images(mesh.vertices, mesh.faces, rotation(5), 100)
-    for image in tilted:
+    for image in tilted[:, 0]:
         depths = image[image != EMPTY]
         assert (depths.min(), depths.max()) == pytest.approx((FARTHEST, NEAREST), abs=1e-6)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.6])
+def test_the_shading_of_a_plane_is_the_cosine_of_its_normal_with_the_light(tilt):
+    """The light comes from the first rows; the plane is turned about the axis of the rows."""
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
+    # Seen along z, columns are x and rows are y.
+    plane = np.column_stack([corners, corners[:, 1] * np.tan(tilt)])
+    near, far = depth_images(plane, np.array([(0, 1, 2), (0, 2, 3)]), np.eye(3), 64)[4:]
+    for image, angle in ((near, LIGHT - tilt), (far, LIGHT + tilt)):
+        depth, both, shading = image[:, 12:-12, 12:-12]
+        np.testing.assert_allclose(shading, DARKEST + (BRIGHTEST - DARKEST) * np.cos(angle), atol=1e-6)
+        np.testing.assert_allclose(both, 0.5 * (depth + shading), atol=1e-6)
 
 
 class _Call:

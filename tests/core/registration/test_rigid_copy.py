@@ -237,6 +237,17 @@ def test_planes_tell_the_scale_of_an_export_at_another_tolerance(family: Family,
     assert judged(first, moved(second, 1, scale=25.4)) == a_copy(25.4, mirrored=False, rel=rel)
 
 
+def test_planes_are_planar_unless_they_bend_smoothly_to_another_facet() -> None:
+    """A prism has none but planes; the walls of holes bend, and fillets to the planes that they meet."""
+    square = [(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)]
+    assert probed_surface(mesh_of(extruded(square, 1.0))).curved.planar.all()
+    drilled, rounded = (probed_surface(part(name, Drawing(5, 0.05))).curved for name in ("plate", "tray"))
+    for curved in (drilled, rounded):
+        assert curved.planar.any()
+        assert not curved.planar[curved.own > 0.0].any()
+    assert not rounded.planar[rounded.own == 0.0].all()
+
+
 def test_a_thread_with_vertices_elsewhere_is_a_copy() -> None:
     """Its crests and roots are cut off, by less than the tolerance."""
     bolts = [part("bolt", Drawing(383, 0.1, phase)) for phase in (0.0, 0.37)]

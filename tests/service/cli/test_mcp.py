@@ -70,6 +70,8 @@ def test_a_program_finds_compares_and_decides(service: Running, tmp_path: Path) 
         assert (await answer(client, "facets", words="cup"))["total"] == 2
         groups = (await answer(client, "duplicates"))["groups"]
         assert [[shape["id"] for shape in group] for group in groups] == [[cup, copy]]
+        none = await answer(client, "duplicates", limit=0)
+        assert (none["groups"], none["total"]) == ([], 1)
         (picture,) = (await client.call_tool("picture", {"shape_id": cup})).content
         assert isinstance(picture, ImageContent)
         assert Image.open(io.BytesIO(base64.b64decode(picture.data))).size == (512, 512)

@@ -110,6 +110,14 @@ def test_a_limit_leaves_the_first_groups_and_the_number_of_all(planted: Running,
     assert len(whole["groups"]) == whole["total"] > 2
     assert few.pop("groups") == whole.pop("groups")[:limit]
     assert {**few, "milliseconds": None} == {**whole, "milliseconds": None}
+    rows = planted.client.get("/duplicates", params={"scaled": True, "limit": limit, "format": "csv"}).text
+    assert {int(row["group"]) for row in csv.DictReader(io.StringIO(rows))} == set(
+        range(1, 1 + min(limit, whole["total"]))
+    )
+
+
+def test_a_limit_is_no_less_than_0(planted: Running) -> None:
+    assert planted.client.get("/duplicates", params={"limit": -1}).status_code == 422
 
 
 def test_as_csv(planted: Running) -> None:
