@@ -5,7 +5,6 @@ out.
 """
 
 __all__ = [
-    "depth_images",
     "eigenvalues",
     "facts",
     "network",
@@ -14,5 +13,6 @@ __all__ = [
     "pieces",
     "registry",
     "spin_images",
+    "view_images",
     "views",
 ]

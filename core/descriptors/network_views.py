@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from core.arrays import Float32s, Floats, Int8s, Ints
-from core.descriptors.depth_images import depth_images
 from core.descriptors.network import FEATURES, SIZE, network
 from core.descriptors.network_weights import PACKAGE, network_weights
 from core.descriptors.view_frames import NormalisedSurface, directed_axes
+from core.descriptors.view_images import view_images
 from core.numerics.compilation import compiled, constant
 
 VIEWS = 6
@@ -37,7 +37,7 @@ def network_views(surface: NormalisedSurface, faces: Ints) -> Int8s:
     The roots of the features, less their mean over many shapes, are rounded. Rotation, reflection, scale and
     translation change them by rounding only.
     """
-    images = depth_images(surface.points, faces, directed_axes(surface, faces), SIZE)
+    images = view_images(surface.points, faces, directed_axes(surface, faces), SIZE)
     pixels = (255.0 * images - 127.0) / 128.0
     # One view at a time takes a sixth of the memory, and as long.
     features = np.concatenate([session().run(None, {"image": view[None]})[0] for view in pixels])

@@ -14,12 +14,12 @@ from threadpoolctl import threadpool_limits
 
 from core.arrays import Bytes, Float32s, Floats
 from core.dense.transfer import Transferred, Wanted, transfer
-from core.descriptors.depth_images import depth_images
 from core.descriptors.facts import gyration_radii, intrinsic_reliability
 from core.descriptors.network import FEATURES
 from core.descriptors.network_views import VIEWS, network_view_distance
 from core.descriptors.partial import describe_part
 from core.descriptors.registry import EVERYWHERE
+from core.descriptors.view_images import view_images
 from core.descriptors.views import signature_distance, view_signature
 from core.embedding import DenseCorrespondence, Embedding, Match, Scores
 from core.errors import BadRecordError, CannotBeEmbeddedError, DegenerateMeshError
@@ -280,7 +280,7 @@ def warm_surfaces(parameters: Parameters) -> None:
             _pipeline(parameters).embed(mesh, EVERYWHERE)
     draw(_bumpy_sheet(), "ply", SIZES[0])
     vertices, faces = _ring().vertices, _ring().faces
-    depth_images(vertices, faces, np.eye(3), SIZES[0])
+    view_images(vertices, faces, np.eye(3), SIZES[0])
     corners, first = vertices[faces], np.zeros((1, 1), dtype=np.int64)
     # Large meshes, and meshes of several pieces.
     contract_edges(vertices, faces, len(vertices) // 2)

@@ -11,7 +11,10 @@ import pytest
 from scipy.signal import correlate
 
 from core.descriptors import network_weights
-from core.descriptors.depth_images import (
+from core.descriptors.network import EPSILON, FEATURES, SIZE, STRIDES
+from core.descriptors.network_views import VIEWS, network_view_distance, network_views, session
+from core.descriptors.network_weights import tensors
+from core.descriptors.view_images import (
     BRIGHTEST,
     DARKEST,
     EMPTY,
@@ -19,11 +22,8 @@ from core.descriptors.depth_images import (
     FILLED,
     LIGHT,
     NEAREST,
-    depth_images,
+    view_images,
 )
-from core.descriptors.network import EPSILON, FEATURES, SIZE, STRIDES
-from core.descriptors.network_views import VIEWS, network_view_distance, network_views, session
-from core.descriptors.network_weights import tensors
 from core.descriptors.views import view_surface
 from core.mesh.mesh import Mesh
 from tests.core.shapes import blob, box
@@ -139,7 +139,7 @@ def test_distances_are_those_of_the_definition():
 
 def test_a_box_fills_the_images_and_is_as_deep_as_it_is():
     mesh = box(4, 2, 1)
-    images = depth_images(mesh.vertices, mesh.faces, np.eye(3), 100)
+    images = view_images(mesh.vertices, mesh.faces, np.eye(3), 100)
     widths = {0: (2, 1), 1: (1, 4), 2: (4, 2)}  # along x one sees y and z, and so on
     for axis, (across, up) in widths.items():
         scale = FILLED * 100 / max(across, up)
@@ -147,7 +147,7 @@ def test_a_box_fills_the_images_and_is_as_deep_as_it_is():
             covered = image != EMPTY
             assert covered.sum() == pytest.approx(across * up * scale**2, rel=0.05)
             assert np.ptp(image[covered]) == 0.0
-    tilted = depth_images(mesh.vertices, mesh.faces, rotation(5), 100)
+    tilted = view_images(mesh.vertices, mesh.faces, rotation(5), 100)
     for image in tilted[:, 0]:
         depths = image[image != EMPTY]
         assert (depths.min(), depths.max()) == pytest.approx((FARTHEST, NEAREST), abs=1e-6)
@@ -159,7 +159,7 @@ def test_the_shading_of_a_plane_is_the_cosine_of_its_normal_with_the_light(tilt)
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
     # Seen along z, columns are x and rows are y.
     plane = np.column_stack([corners, corners[:, 1] * np.tan(tilt)])
-    near, far = depth_images(plane, np.array([(0, 1, 2), (0, 2, 3)]), np.eye(3), 64)[4:]
+    near, far = view_images(plane, np.array([(0, 1, 2), (0, 2, 3)]), np.eye(3), 64)[4:]
     for image, angle in ((near, LIGHT - tilt), (far, LIGHT + tilt)):
         depth, both, shading = image[:, 12:-12, 12:-12]
         np.testing.assert_allclose(shading, DARKEST + (BRIGHTEST - DARKEST) * np.cos(angle), atol=1e-6)

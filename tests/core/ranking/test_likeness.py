@@ -37,7 +37,7 @@ def test_each_threshold_is_the_least_or_the_largest_value_of_its_likeness() -> N
     assert likeness(probability=np.nextafter(SIMILAR, 0.0)) == "weak"
 
 
-def test_what_is_farther_from_isometric_bends_more_to_be_a_pose() -> None:
+def test_a_pose_bends_more_the_farther_it_is_from_isometric() -> None:
     assert least_bend(0.0) == pytest.approx(0.055)
     assert least_bend(0.05) == pytest.approx(0.135)
     assert least_bend(np.inf) == least_bend(NEAR_ISOMETRIC)

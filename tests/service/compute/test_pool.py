@@ -106,7 +106,7 @@ def test_fork_server_and_workers_inherit_no_setting(monkeypatch: pytest.MonkeyPa
         monkeypatch.setenv(name, value)
     processes.fork_server()
     os.kill(forkserver._forkserver._forkserver_pid, signal.SIGKILL)
-    # A busy machine takes its time; whoever starts the next one collects what is left of this one.
+    # The process may live on for a moment; the start of the next fork server reaps it.
     os.waitid(os.P_PID, forkserver._forkserver._forkserver_pid, os.WEXITED | os.WNOWAIT)
     with LocalPool(1, seconds=60, warm=warm) as pool:
         assert pool.submit(add, 1, 1).result() == 2

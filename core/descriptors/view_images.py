@@ -15,14 +15,14 @@ LIGHT = np.radians(20.0)
 """Angle between the view and the light, which comes from the first rows of an image."""
 
 DARKEST, BRIGHTEST = 0.1, 0.85
-"""Brightness of what is turned from the light, and of what faces it."""
+"""Brightness of a surface that is turned from the light, and of one that faces it."""
 
 FLAT = 1e-3
 """Depths of a smaller range, over the surface's longer side, do not fill the range of brightness: between the
 points of a flat face they are those of rounding."""
 
 
-def depth_images(points: Floats, faces: Ints, axes: Floats, size: int) -> Float32s:
+def view_images(points: Floats, faces: Ints, axes: Floats, size: int) -> Float32s:
     """Return images along each axis and against it, shape (6, 3, size, size), in [0, 1].
 
     The channels are the depth, its mean with the shading (Lambert), and the shading: a network that was
