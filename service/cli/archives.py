@@ -165,14 +165,14 @@ def reembed_command(
     settings = load_settings()
     parameters = load_parameters(settings.pipeline)
     logging.configure("error" if "log_level" not in settings.model_fields_set else settings.log_level)
-    with sigterm_exits():
-        try:
+    try:
+        with sigterm_exits():
             outcome, pruned = reembed(settings, parameters, leave_out=leave_out, prune=prune)
-        except KeyboardInterrupt:
-            fail(STOPPED, status=130)
-        except SystemExit:
-            say(STOPPED)
-            raise
+    except KeyboardInterrupt:
+        fail(STOPPED, status=130)
+    except SystemExit:
+        say(STOPPED)
+        raise
     _print(_told(outcome, parameters, pruned))
     for name, cause in outcome.refused:
         say(f"{name}: {cause}")

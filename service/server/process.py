@@ -78,16 +78,28 @@ def wait_until_ready(client: Client, ended: Callable[[], bool]) -> None:
 
 @contextmanager
 def sigterm_exits() -> Iterator[None]:
-    """Let SIGTERM raise SystemExit, so that `with` blocks clean up. Only for the main thread."""
+    """Let SIGTERM interrupt as SIGINT does, then raise SystemExit. Only for the main thread.
 
-    def leave(number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
+    `asyncio.run` cancels its task at SIGINT. An exception that a handler raises in the midst of an event loop
+    may be lost, or leave tasks that never end.
+    """
+    terminated = False
 
-    previous = signal.signal(signal.SIGTERM, leave)
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        nonlocal terminated
+        terminated = True
+        signal.raise_signal(signal.SIGINT)
+
+    previous = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
+    except KeyboardInterrupt:
+        if not terminated:
+            raise
     finally:
         signal.signal(signal.SIGTERM, previous)
+    if terminated:
+        raise SystemExit(128 + signal.SIGTERM)
 
 
 class ChildService:
