@@ -111,7 +111,7 @@ POINTS ?= 0
 kill-test: $(DEV)
 	@command -v cc >/dev/null || { flock /tmp/isoshape-apt apt-get update -qq && \
 		flock /tmp/isoshape-apt apt-get install -qq --no-install-recommends gcc libc6-dev >/dev/null; }
-	CYCLES=$(CYCLES) POINTS=$(POINTS) SEED=$(SEED) $(PYTEST) tests/soak/kill -rP
+	CYCLES=$(CYCLES) POINTS=$(POINTS) SEED=$(SEED) $(PYTEST) tests/soak/kill -rfEP
 
 cluster-test: $(DEV)
 	$(PYTEST) tests/soak/cluster
@@ -128,19 +128,19 @@ studies-test: $(DEV)
 
 collections-test: $(DEV)
 	@test -d "$${ISOSHAPE_DATA:-}" || { echo 'ISOSHAPE_DATA must name the folder of collections' >&2; exit 1; }
-	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -rP
+	SAMPLE=$(SAMPLE) $(PYTEST) $(AT_A_TIME) tests/soak/collections -rfEP
 
 COUNT ?= 10000
 SEED ?= 0
 hostile-test: $(DEV)
-	COUNT=$(COUNT) SEED=$(SEED) $(PYTEST) $(AT_A_TIME) tests/soak/hostile -rP
+	COUNT=$(COUNT) SEED=$(SEED) $(PYTEST) $(AT_A_TIME) tests/soak/hostile -rfEP
 
 schema-test: $(DEV)
 	$(PYTEST) tests/soak/schema --hypothesis-seed=$(SEED)
 
 MINUTES ?= 20
 load-test: $(DEV)
-	MINUTES=$(MINUTES) $(PYTEST) tests/soak/load -rP
+	MINUTES=$(MINUTES) $(PYTEST) tests/soak/load -rfEP
 
 lint: $(DEV)
 	$(BIN)/ruff check .
