@@ -16,12 +16,14 @@ from core.embedding import Embedding
 from core.io import write_mesh
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
+from core.ranking.diffusion import NEIGHBOURS
 from service.client import Client
 from service.client.clients import Item, upload_all
 from service.collection import DEFAULT_COLLECTION
 from service.compute.tasks import ready_to_store
 from service.evaluation.benchmark_method import Spread, all_meshes
-from service.evaluation.benchmark_shapes import Source, shaken
+from service.evaluation.benchmark_shapes import Source, nearest, shaken
+from service.index.neighbour_repository import columns_of
 from service.pipelines.active import Pipelines, begin
 from service.search.schemas import RankBy
 from service.server.process import LOOPBACK, ChildService, bind, wait_until_ready
@@ -29,7 +31,7 @@ from service.settings import Settings
 from service.shapes import file_repository
 from service.shapes.records import NewFile
 from service.storage.database import Database, migrate, next_revision
-from service.storage.tables import ShapeRow
+from service.storage.tables import NeighboursRow, ShapeRow
 
 SIZES = (380, 1_000, 10_000, 100_000)
 """Shapes of the archives that are queried."""
@@ -46,7 +48,8 @@ EXHAUSTIVE = 10_000
 SHORTLIST_FROM: int = Settings.model_fields["shortlist_from"].default
 """The size from which a query compares only a shortlist, unless it is told to compare every shape."""
 
-RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
+CHECKED_RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
+RANKINGS: tuple[RankBy, ...] = (*CHECKED_RANKINGS, "contextual")
 
 LENGTHS = (
     (250, 50, 10),
@@ -57,6 +60,17 @@ LENGTHS = (
     (4_000, 800, 60),
 )
 """Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
+
+DEFAULT_LENGTHS = tuple(
+    Settings.model_fields[name].default for name in ("shortlist_length", "reranked", "finalists")
+)
+"""Those of the settings, the only ones that are checked among more than `EXHAUSTIVE` shapes."""
+
+FILE_VERTICES = 3_000
+"""Vertices of the file of a query, about."""
+
+GRAPH = 10_000
+"""Shapes of the archive whose graph of neighbours is made."""
 
 TURNS = 3
 """Measurements of a folder stored."""
@@ -70,6 +84,9 @@ SIDES = dict.fromkeys(("bounding_box", "file_box", "gyration_radii"), (1.0, 1.0,
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
 
+NEAR = np.delete(np.arange(-NEIGHBOURS // 2, NEIGHBOURS // 2 + 1), NEIGHBOURS // 2)
+"""How many copies away, by their order, the neighbours of a shape are."""
+
 Original = tuple[str, Embedding]
 """The class and the embedding of a shape of the source."""
 
@@ -80,12 +97,14 @@ def originals(source: Source) -> list[Original]:
     return [(label, method.embed(mesh)) for label, meshes in source.items() for _, mesh in meshes]
 
 
-def fill(url: str, source: Sequence[Original], count: int) -> list[str]:
+def fill(url: str, source: Sequence[Original], count: int, *, graph: bool = True) -> list[str]:
     """Fill an archive with `count` shapes and return their ids: the originals, then noisy copies in turn.
 
-    A file of a few bytes replaces each mesh.
+    A file of a few bytes replaces each mesh. In the graph of neighbours, if it has one, those of a shape are
+    the copies of its original, and this, whose numbers are nearest.
     """
     ids: list[str] = []
+    first = 0
     with closing(Database(url, lock_seconds=60.0)) as database:
         migrate(database)
         begin(Pipelines(DEFAULT), database)
@@ -106,29 +125,40 @@ def fill(url: str, source: Sequence[Original], count: int) -> list[str]:
                     row = {"id": ids[-1], "collection_number": DEFAULT_COLLECTION.number, "blob_number": blob}
                     row |= {"format": "off", "name": name, "folded_name": name.casefold(), "meta": {}}
                     row |= {"facts": embedded.facts, "created_at": now, "updated_at": now}
-                    session.insert(ShapeRow, row | {"revision": revision, "checksum": ""})
+                    shape = session.insert(ShapeRow, row | {"revision": revision, "checksum": ""})
+                    first = first or shape
+                    if not graph:
+                        continue
+                    others = shape + len(source) * NEAR
+                    there = (others >= first) & (others < first + count)
+                    row = columns_of(DEFAULT.fingerprint, shape, others[there], -np.abs(NEAR[there]))
+                    session.insert(NeighboursRow, row)
     return ids
 
 
 def searching_rows(
-    source: Sequence[Original], scratch: Path, *, sizes: Sequence[int] = SIZES, queries: int = QUERIES
+    source: Source, scratch: Path, *, sizes: Sequence[int] = SIZES, queries: int = QUERIES
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Fill an archive of each size and query it by the ids of shapes spread over it.
+    """Fill an archive of each size and query it, by the ids of shapes spread over it and by a file.
 
-    The stages are compared with exhaustive search on the largest archive searched exhaustively.
+    The stages are compared with exhaustive search on the largest archive.
     """
     rows: list[dict[str, Any]] = []
     cascades: list[dict[str, Any]] = []
-    checked = max((size for size in sizes if size <= EXHAUSTIVE), default=0)
+    shapes = originals(source)
+    ((_, mesh),) = nearest(all_meshes(source), FILE_VERTICES, 1)
+    file = write_mesh(mesh, "ply")
     for size in sizes:
         path = scratch / f"{size}.sqlite3"
         url = f"sqlite:///{path}"
-        ids = fill(url, source, size)
-        rows.append(_measured(url, ids, queries, exhaustive=False))
+        ids = fill(url, shapes, size)
+        rows += _measured(url, ids, file, queries, exhaustive=False)
         if SHORTLIST_FROM <= size <= EXHAUSTIVE:
-            rows.append(_measured(url, ids, min(queries, LONG), exhaustive=True))
-        if size == checked and size > len(source):
-            cascades = [row for by in RANKINGS for row in cascade_rows(url, source, ids, rank_by=by)]
+            rows += _measured(url, ids, file, min(queries, LONG), exhaustive=True)
+        if size == max(sizes) and size > len(shapes):
+            lengths, most = (LENGTHS, CHECKED) if size <= EXHAUSTIVE else ((DEFAULT_LENGTHS,), LONG)
+            for ranking in CHECKED_RANKINGS:
+                cascades += cascade_rows(url, shapes, ids, ranking, min(queries, most), lengths)
         path.unlink()
     return rows, cascades
 
@@ -137,10 +167,9 @@ def cascade_rows(
     url: str,
     source: Sequence[Original],
     ids: Sequence[str],
-    *,
-    rank_by: RankBy = "cc",
-    queries: int = CHECKED,
-    lengths: Sequence[tuple[int, int, int]] = LENGTHS,
+    rank_by: RankBy,
+    queries: int,
+    lengths: Sequence[tuple[int, int, int]],
 ) -> list[dict[str, Any]]:
     """Measure each choice of stage lengths against exhaustive search, which is the last row.
 
@@ -194,26 +223,45 @@ def _recall(answers: Sequence[list[str]], exhaustive: Sequence[list[str]], count
     )
 
 
+def graph_rows(source: Source, scratch: Path, *, size: int = GRAPH) -> list[dict[str, Any]]:
+    """Measure how long a service takes to make the graph of neighbours of an archive without one.
+
+    `memory_mib` is the memory of its main process at the end.
+    """
+    url = f"sqlite:///{scratch / 'graph.sqlite3'}"
+    ids = fill(url, originals(source), size, graph=False)
+    began = perf_counter()
+    with served(url, duplicates_in_background=True) as (service, client):
+        while not client.suggestions(ids[-1]).known or client.families().unknown:
+            sleep(1.0)
+        row = {"shapes": size, "seconds": perf_counter() - began, "memory_mib": service.memory() / 2**20}
+    return [row]
+
+
 def ingesting_rows(source: Source, scratch: Path, *, turns: int = TURNS) -> list[dict[str, Any]]:
     """Upload all meshes to an empty archive, in turn with all processors and with one.
 
-    The service, its workers and the client share the processors. Raise OSError if the system does not support
-    processor affinity.
+    With all, the graph of neighbours is made meanwhile, or not. The service, its workers and the client share
+    the processors. Raise OSError if the system does not support processor affinity.
     """
     items = [
         Item(f"{number} {name}.off", write_mesh(mesh, "off"), ())
         for number, (name, mesh) in enumerate(all_meshes(source))
     ]
     available = processors()
-    rates: dict[int, list[float]] = {len(available): [], 1: []}
+    rates: dict[tuple[int, bool], list[float]] = {
+        (len(available), False): [],
+        (len(available), True): [],
+        (1, False): [],
+    }
     for turn in range(turns):
-        for count, measured in rates.items():
-            url = f"sqlite:///{scratch / f'ingest-{turn}-{count}.sqlite3'}"
+        for (count, graph), measured in rates.items():
+            url = f"sqlite:///{scratch / f'ingest-{turn}-{count}-{graph}.sqlite3'}"
             with bound_to(available[:count]):
-                measured.append(_rate(url, items))
+                measured.append(_rate(url, items, graph=graph))
     return [
-        {"processors": count, "shapes": len(items), "shapes_a_second": Spread.of(measured)}
-        for count, measured in rates.items()
+        {"processors": count, "graph": graph, "shapes": len(items), "shapes_a_second": Spread.of(measured)}
+        for (count, graph), measured in rates.items()
     ]
 
 
@@ -266,37 +314,49 @@ def wait_until_idle(service: ChildService) -> None:
         quiet = quiet + 1 if used - before < IDLE else 0
 
 
-def _measured(url: str, ids: Sequence[str], queries: int, *, exhaustive: bool) -> dict[str, Any]:
-    """Measure the queries of one archive, the first apart.
+def _measured(
+    url: str, ids: Sequence[str], file: bytes, queries: int, *, exhaustive: bool
+) -> list[dict[str, Any]]:
+    """Measure the queries of one archive by each ranking, the first apart; and `LONG` queries by a file.
 
-    `compared` is the number of shapes that the last query compared in full, `start_s` from the start of the
-    process until it is ready. `processor_ms` is the processor time of the main process for a query, the mean,
-    and `memory_mib` its memory at the end. The service reports the stages.
+    `compared` is the number of shapes that the last query by id compared in full, `start_s` from the start of
+    the process until it is ready. `processor_ms` is the processor time of the main process for a query by id,
+    the mean, and `memory_mib` its memory at the end. The service reports the stages.
     """
+    rows: list[dict[str, Any]] = []
     began = perf_counter()
     with served(url) as (service, client):
         start = perf_counter() - began
         wait_until_idle(service)
-        times, stages, compared, used = [], [], 0, 0.0
-        for number in range(queries + 1):
-            if number == 1:
-                used = service.processor_seconds()
-            before = perf_counter()
-            answer = client.query_shape(ids[number * STEP % len(ids)], exhaustive=exhaustive)
-            times.append(1e3 * (perf_counter() - before))
-            stages.append(answer.milliseconds)
-            compared = answer.compared
-        row: dict[str, Any] = {"shapes": len(ids), "exhaustive": exhaustive, "compared": compared}
-        row |= {"queries": queries, "start_s": start, "first_ms": times[0]}
-        p50, p95 = np.percentile(times[1:], [50, 95]).tolist()
-        medians = {name: median(stage[name] for stage in stages[1:]) for name in stages[0]}
-        row |= {"median_ms": p50, "p95_ms": p95, "stages_ms": medians}
-        row["processor_ms"] = 1e3 * (service.processor_seconds() - used) / queries
-        return row | {"memory_mib": service.memory() / 2**20}
+        for ranking in RANKINGS:
+            options = {"rank_by": ranking, "exhaustive": exhaustive}
+            times, stages, compared, used = [], [], 0, 0.0
+            for number in range(queries + 1):
+                if number == 1:
+                    used = service.processor_seconds()
+                before = perf_counter()
+                answer = client.query_shape(ids[number * STEP % len(ids)], **options)
+                times.append(1e3 * (perf_counter() - before))
+                stages.append(answer.milliseconds)
+                compared = answer.compared
+            processor_ms = 1e3 * (service.processor_seconds() - used) / queries
+            by_file = []
+            for _ in range(min(queries, LONG)):
+                before = perf_counter()
+                client.query_file(("query.ply", file), **options)
+                by_file.append(1e3 * (perf_counter() - before))
+            row: dict[str, Any] = {"shapes": len(ids), "exhaustive": exhaustive, "ranked_by": ranking}
+            row |= {"compared": compared, "queries": queries, "start_s": start, "first_ms": times[0]}
+            p50, p95 = np.percentile(times[1:], [50, 95]).tolist()
+            medians = {name: median(stage[name] for stage in stages[1:]) for name in stages[0]}
+            row |= {"median_ms": p50, "p95_ms": p95, "by_file_ms": median(by_file), "stages_ms": medians}
+            row |= {"processor_ms": processor_ms, "memory_mib": service.memory() / 2**20}
+            rows.append(row)
+    return rows
 
 
-def _rate(url: str, items: Sequence[Item]) -> float:
-    with served(url) as (_, client):
+def _rate(url: str, items: Sequence[Item], *, graph: bool) -> float:
+    with served(url, duplicates_in_background=graph) as (_, client):
         began = perf_counter()
         for item, outcome in upload_all(client, items):
             if isinstance(outcome, str):

@@ -111,13 +111,16 @@ def forget(session: WriteSession, number: int) -> None:
 
 def _store(session: WriteSession, fingerprint: str, shape: int, neighbours: Ints, log_odds: Floats) -> None:
     """Store a row of the nearest of some neighbours, in place of an earlier one."""
+    session.merge(NeighboursRow(**columns_of(fingerprint, shape, neighbours, log_odds)))
+
+
+def columns_of(fingerprint: str, shape: int, neighbours: Ints, log_odds: Floats) -> dict[str, Any]:
+    """Return the columns of the row of a shape, by number, from the nearest of some neighbours."""
     nearest = np.lexsort((neighbours, -log_odds))[:NEIGHBOURS]
     row = np.empty(len(nearest), NEIGHBOUR)
     row["shape"], row["log_odds"] = neighbours[nearest], log_odds[nearest]
     data = row.tobytes()
-    session.merge(
-        NeighboursRow(shape_number=shape, fingerprint=fingerprint, data=data, checksum=checksum_of(data))
-    )
+    return {"shape_number": shape, "fingerprint": fingerprint, "data": data, "checksum": checksum_of(data)}
 
 
 def _without_rows(query: Rows, fingerprint: str) -> Rows:

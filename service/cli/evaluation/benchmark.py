@@ -19,18 +19,19 @@ from service.evaluation.benchmark_method import (
     growth_rows,
     matching_rows,
 )
-from service.evaluation.benchmark_service import SIZES, ingesting_rows, originals, searching_rows
+from service.evaluation.benchmark_service import SIZES, graph_rows, ingesting_rows, searching_rows
 from service.evaluation.benchmark_shapes import read_source
 
-Subject = StrEnum("Subject", ["EMBEDDING", "GROWTH", "MATCH", "SEARCH", "INGEST"])
+Subject = StrEnum("Subject", ["EMBEDDING", "GROWTH", "MATCH", "SEARCH", "GRAPH", "INGEST"])
 """A part of the benchmark that can be measured alone."""
 
 TITLES = {
     "embedding": "a binary PLY embedded",
     "growth": "cost against size: one mesh subdivided, each time in a new process",
     "match": f"one match of two stored shapes, milliseconds; one of many is one of {MANY}",
-    "search": "queries over HTTP by the id of a stored shape",
+    "search": "queries over HTTP by the ids of stored shapes, and by a file",
     "cascade": "the stages of a search against exhaustive search",
+    "graph": "the graph of neighbours of an archive made in the background",
     "ingest": "a folder stored over HTTP",
 }
 
@@ -60,9 +61,9 @@ def benchmark_command(
 ) -> None:
     """Measure the time and memory of embedding and matching.
 
-    The subjects are embedding, growth with size, matches, queries and storing. Most figures are medians with
-    quartiles. Shapes beyond the size of the collection are copies of its embeddings with noise. Measure on an
-    idle machine, with OMP_NUM_THREADS=1.
+    The subjects are embedding, growth with size, matches, queries, the graph of neighbours and storing. Most
+    figures are medians with quartiles. Shapes beyond the size of the collection are copies of its embeddings
+    with noise. Measure on an idle machine, with OMP_NUM_THREADS=1.
     """
     subjects = list(dict.fromkeys(only or Subject))
     source = read_source(folder)
@@ -70,7 +71,7 @@ def benchmark_command(
         scratch = Path(directory)
 
         def search() -> dict[str, Sequence[Any]]:
-            rows, cascades = searching_rows(originals(source), scratch, sizes=sizes or SIZES)
+            rows, cascades = searching_rows(source, scratch, sizes=sizes or SIZES)
             return {"search": rows, "cascade": cascades}
 
         measures: dict[Subject, Callable[[], dict[str, Sequence[Any]]]] = {
@@ -78,6 +79,7 @@ def benchmark_command(
             Subject.GROWTH: lambda: {"growth": growth_rows(source, scratch)},
             Subject.MATCH: lambda: {"match": matching_rows(source)},
             Subject.SEARCH: search,
+            Subject.GRAPH: lambda: {"graph": graph_rows(source, scratch)},
             Subject.INGEST: lambda: {"ingest": ingesting_rows(source, scratch)},
         }
         task = bar.add_task("measuring", total=len(subjects))

@@ -19,14 +19,14 @@ def small(monkeypatch):
         "growth_rows": {"sizes": (800, 1600), "runs": 1},
         "matching_rows": {"vertices": 1000, "pairs": 1, "repeats": 1},
         "searching_rows": {"queries": 3},
+        "graph_rows": {"size": 20},
         "ingesting_rows": {"turns": 1},
     }
     for name, options in sizes.items():
         monkeypatch.setattr(benchmark, name, partial(getattr(benchmark, name), **options))
     monkeypatch.setattr(benchmark_service, "EXHAUSTIVE", 10)
     monkeypatch.setattr(benchmark_service, "SHORTLIST_FROM", 10)
-    few = partial(benchmark_service.cascade_rows, queries=3, lengths=[(6, 5, 1)])
-    monkeypatch.setattr(benchmark_service, "cascade_rows", few)
+    monkeypatch.setattr(benchmark_service, "DEFAULT_LENGTHS", (6, 5, 1))
 
 
 def test_the_method_as_tables(run, collection):
@@ -44,9 +44,22 @@ def test_a_folder_stored_on_all_processors_and_on_one(run, collection):
     done = run("benchmark", collection, "--only", "ingest", "--json")
     assert (done.status, done.stderr) == (0, "")
     rows = json.loads(done.stdout)["ingest"]
-    assert [row["processors"] for row in rows] == sorted({len(before), 1}, reverse=True)
+    assert [(row["processors"], row["graph"]) for row in rows[:2]] == [
+        (len(before), False),
+        (len(before), True),
+    ]
+    assert [row["processors"] for row in rows[2:]] == [1][: len(before) - 1]
     assert all(row["shapes"] == 9 and row["shapes_a_second"]["median"] > 0.0 for row in rows)
     assert benchmark_service.processors() == before
+
+
+def test_the_graph_of_an_archive_made_of_the_collection(run, collection):
+    done = run("benchmark", collection, "--only", "graph", "--json")
+    assert (done.status, done.stderr) == (0, "")
+    (row,) = json.loads(done.stdout)["graph"]
+    assert row["shapes"] == 20
+    assert row["seconds"] > 0.0
+    assert row["memory_mib"] > 1.0
 
 
 def test_queries_of_archives_made_of_the_collection(run, collection):
@@ -54,13 +67,13 @@ def test_queries_of_archives_made_of_the_collection(run, collection):
     done = run("benchmark", collection, "--only", "search", *sizes, "--json")
     assert (done.status, done.stderr) == (0, "")
     tables = json.loads(done.stdout)
-    assert [(row["shapes"], row["exhaustive"], row["compared"]) for row in tables["search"]] == [
-        (10, False, 9),
-        (10, True, 9),
-        (14, False, 13),
-    ]
+    asked = [(10, False, 9), (10, True, 9), (14, False, 13)]
+    assert [
+        (row["shapes"], row["exhaustive"], row["compared"], row["ranked_by"]) for row in tables["search"]
+    ] == [(*each, ranking) for each in asked for ranking in ("cc", "combined", "contextual")]
     for row in tables["search"]:
         assert 0.0 < row["median_ms"] <= row["p95_ms"]
+        assert row["by_file_ms"] > 0.0
         assert row["memory_mib"] > 1.0
         assert row["processor_ms"] > 0.0
     cascades = tables["cascade"]
