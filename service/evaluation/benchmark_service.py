@@ -39,7 +39,7 @@ SIZES = (380, 1_000, 10_000, 100_000)
 QUERIES, LONG, CHECKED = 100, 20, 40
 """Numbers of queries: of an archive, of a large one searched exhaustively, and of the check of shortlists."""
 
-IDLE, SETTLED_BY = 0.1, 300.0
+IDLE, SETTLED_BY = 0.1, 1800.0
 """Seconds of processor time in a second below which a service is idle, and the longest wait for that."""
 
 EXHAUSTIVE = 10_000
@@ -50,6 +50,9 @@ SHORTLIST_FROM: int = Settings.model_fields["shortlist_from"].default
 
 CHECKED_RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
 RANKINGS: tuple[RankBy, ...] = (*CHECKED_RANKINGS, "contextual")
+
+RECORD_BYTES = 64_000
+"""Memory with room for the match record and the descriptors of a shape."""
 
 LENGTHS = (
     (250, 50, 10),
@@ -186,6 +189,8 @@ def cascade_rows(
         shortlist, reranked, finalists = length or (size, size, size)
         settings = {"shortlist_from": 1, "shortlist_length": shortlist}
         settings |= {"reranked": reranked, "finalists": finalists}
+        if length is None:
+            settings["search_bytes"] = RECORD_BYTES * size
         with served(url, **settings) as (service, client):
             wait_until_idle(service)
             answers, seconds = [], []

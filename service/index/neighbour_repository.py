@@ -7,7 +7,7 @@ graph in memory, and sees what other services have written.
 from typing import Any, TypeVar
 
 import numpy as np
-from sqlalchemy import Select, delete, func, select
+from sqlalchemy import Select, delete, func, select, update
 
 from core.arrays import Floats, Ints
 from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
@@ -88,9 +88,10 @@ def write(
     number, embedding = shape
     if not has_embedding(session, number, embedding):
         return
-    _store(session, fingerprint, number, compared, log_odds)
+    session.merge(NeighboursRow(**columns_of(fingerprint, number, compared, log_odds)))
     others = neighbour_rows(session, fingerprint, compared)
     of = dict(zip(compared.tolist(), log_odds.tolist(), strict=True))
+    changed = []
     for other, neighbours, values in zip(
         others.shapes.tolist(), others.neighbours, others.log_odds, strict=True
     ):
@@ -98,7 +99,9 @@ def write(
         if kept.all() and of[other] <= values[-1]:
             continue
         nearest = np.append(neighbours[kept], number)
-        _store(session, fingerprint, other, nearest, np.append(values[kept], of[other]))
+        changed.append(columns_of(fingerprint, other, nearest, np.append(values[kept], of[other])))
+    if changed:
+        session.execute(update(NeighboursRow), changed)
 
 
 def forget(session: WriteSession, number: int) -> None:
@@ -107,11 +110,6 @@ def forget(session: WriteSession, number: int) -> None:
     rows = session.scalars(select(row.data).where(row.shape_number == number)).all()
     numbers = {number, *(int(each) for data in rows for each in np.frombuffer(data, NEIGHBOUR)["shape"])}
     session.execute(delete(row).where(row.shape_number.in_(numbers)))
-
-
-def _store(session: WriteSession, fingerprint: str, shape: int, neighbours: Ints, log_odds: Floats) -> None:
-    """Store a row of the nearest of some neighbours, in place of an earlier one."""
-    session.merge(NeighboursRow(**columns_of(fingerprint, shape, neighbours, log_odds)))
 
 
 def columns_of(fingerprint: str, shape: int, neighbours: Ints, log_odds: Floats) -> dict[str, Any]:
