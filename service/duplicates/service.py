@@ -271,16 +271,9 @@ async def find_neighbours(container: Container, active_pipeline: ActivePipeline)
         return False
     reading, fingerprint = container.database.reading, active_pipeline.fingerprint
     shapes = await reading(neighbour_repository.lacking, fingerprint, LOOKED_AT_ONCE)
-    waiting = iter(shapes)
-
-    async def take() -> None:
-        for shape in waiting:
-            # Others count while this one waits.
-            await _idle(container)
-            await make_row(container, active_pipeline, *shape)
-
-    # Reading and storing a row take one thread, as comparing takes all.
-    await together(take() for _ in range(container.settings.workers))
+    for shape in shapes:
+        await _idle(container)
+        await make_row(container, active_pipeline, *shape)
     return bool(shapes)
 
 

@@ -87,8 +87,8 @@ SIDES = dict.fromkeys(("bounding_box", "file_box", "gyration_radii"), (1.0, 1.0,
 STEP = 7919
 """The step between the numbers of shapes that are mixed or queried, coprime to all sizes."""
 
-NEAR = np.delete(np.arange(-NEIGHBOURS // 2, NEIGHBOURS // 2 + 1), NEIGHBOURS // 2)
-"""How many copies away, by their order, the neighbours of a shape are."""
+OFFSETS = np.delete(np.arange(-NEIGHBOURS // 2, NEIGHBOURS // 2 + 1), NEIGHBOURS // 2)
+"""Places of the neighbours of a shape in the order of the copies, from its own."""
 
 Original = tuple[str, Embedding]
 """The class and the embedding of a shape of the source."""
@@ -103,8 +103,8 @@ def originals(source: Source) -> list[Original]:
 def fill(url: str, source: Sequence[Original], count: int, *, graph: bool = True) -> list[str]:
     """Fill an archive with `count` shapes and return their ids: the originals, then noisy copies in turn.
 
-    A file of a few bytes replaces each mesh. In the graph of neighbours, if it has one, those of a shape are
-    the copies of its original, and this, whose numbers are nearest.
+    A file of a few bytes replaces each mesh. With `graph`, the neighbours of a shape are the copies of the
+    same original whose numbers are nearest, and perhaps that original.
     """
     ids: list[str] = []
     first = 0
@@ -132,9 +132,9 @@ def fill(url: str, source: Sequence[Original], count: int, *, graph: bool = True
                     first = first or shape
                     if not graph:
                         continue
-                    others = shape + len(source) * NEAR
+                    others = shape + len(source) * OFFSETS
                     there = (others >= first) & (others < first + count)
-                    row = columns_of(DEFAULT.fingerprint, shape, others[there], -np.abs(NEAR[there]))
+                    row = columns_of(DEFAULT.fingerprint, shape, others[there], -np.abs(OFFSETS[there]))
                     session.insert(NeighboursRow, row)
     return ids
 
