@@ -9,7 +9,8 @@ from collections import Counter
 
 import numpy as np
 
-from core.descriptors.pieces import COUNT, SIZE, WIDTH, number_of_pieces
+from core.arrays import Float32s
+from core.descriptors.pieces import COUNT, SIZE, number_of_pieces
 from core.registration.instances import EQUAL_SIZE, may_be_instances
 from service.container import Container
 from service.search import repository
@@ -27,18 +28,19 @@ def possible_wholes_and_parts(
     rows = query.embedding.pieces
     is_part = number_of_pieces(rows) == 1
     fingerprint = query.active_pipeline.fingerprint
-    found: Counter[int] = Counter()
     with container.database.read() as session:
-        sizes = [
-            (size * math.exp(-EQUAL_SIZE), size * math.exp(EQUAL_SIZE)) for size in rows[:, SIZE].tolist()
-        ]
-        stored = repository.pieces(session, fingerprint, shapes, sizes, of_several=is_part)
-        lengths = np.array([each for _, each in stored]).reshape(-1, WIDTH)
+        embeddings, lengths = repository.pieces(session, _ranges(rows[:, SIZE]), of_several=is_part)
+        instances: Counter[int] = Counter()
         for row in rows:
             for index in np.flatnonzero(may_be_instances(row, lengths)).tolist():
-                found[stored[index][0]] += int(lengths[index, COUNT] if is_part else row[COUNT])
-        for number in query.excluded:
-            found.pop(number, None)
+                instances[int(embeddings[index])] += int(lengths[index, COUNT] if is_part else row[COUNT])
+        found = {
+            shape: instances[embedding]
+            for shape, embedding in repository.shapes_of(
+                session, fingerprint, shapes, np.array(sorted(instances), dtype=np.int64)
+            )
+            if shape not in query.excluded
+        }
         best = sorted(found, key=lambda number: (-found[number], number))[:count]
         if not best:
             return None
@@ -46,3 +48,15 @@ def possible_wholes_and_parts(
     place = {number: place for place, number in enumerate(best)}
     order = np.argsort([place[number] for number in entries.shapes.tolist()])
     return Candidates(entries.only(order), shortlisted=False, stored=len(best))
+
+
+def _ranges(sizes: Float32s) -> list[tuple[float, float]]:
+    """Return disjoint ranges of the sizes that instances may have, the largest first."""
+    growth = math.exp(EQUAL_SIZE)
+    ranges: list[tuple[float, float]] = []
+    for size in sorted(sizes.tolist(), reverse=True):
+        greatest = size * growth
+        if ranges and greatest >= ranges[-1][0]:
+            greatest = ranges.pop()[1]
+        ranges.append((size / growth, greatest))
+    return ranges

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import (
     Float,
+    Row,
     Select,
     SQLColumnExpression,
     String,
@@ -18,12 +19,12 @@ from sqlalchemy import (
     cast,
     func,
     literal,
-    or_,
     select,
     text,
 )
 
 from core.arrays import Float32s, Ints
+from core.descriptors.pieces import WIDTH
 from service.collection import CollectionNumber
 from service.index.cache import FIRST, PRIME, SAMPLE, SECOND
 from service.index.repository import ENTRIES, OF_SHAPE, IndexEntries, entries_of, stacked
@@ -43,7 +44,8 @@ Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
 MORE = 2
 """Factor by which the HNSW index returns more signatures than requested: it misses mostly the last ones."""
 
-AT_ONCE = 10_000
+AT_ONCE, MOST_PIECES = 10_000, 50_000
+"""Shapes in one statement, and pieces that a query reads."""
 
 MOST_SEEN = 100_000
 """Signatures that the HNSW index visits at most. If too few of them match the filter, all are searched."""
@@ -206,39 +208,44 @@ def entries(session: ReadSession, fingerprint: str, shapes: ShapeFilter | Ints) 
 
 
 def pieces(
-    session: ReadSession,
-    fingerprint: str,
-    shapes: ShapeFilter,
-    sizes: Sequence[tuple[float, float]],
-    *,
-    of_several: bool,
-) -> list[tuple[int, Float32s]]:
-    """Return the pieces of the shapes that match a filter: the number of the shape, and a row of lengths.
+    session: ReadSession, sizes: Sequence[tuple[float, float]], *, of_several: bool
+) -> tuple[Ints, Float32s]:
+    """Return the pieces of a size in one of the disjoint ranges `sizes`: embeddings, shape (k,), and rows.
 
-    The pieces have a size, the root of the area, in one of the ranges `sizes`, and are those of shapes of
-    several pieces, or else of one. At most `AT_ONCE` are read, of the oldest shapes.
+    The size is the root of the area. They are the pieces of surfaces of several pieces, or else of one, of
+    all pipelines and collections; at most `MOST_PIECES`, those of the first ranges, and there the oldest.
     """
-    # The pieces of these sizes come first, and their shapes are told by the filter afterwards: SQLite would
-    # look up the pieces of every shape of the collection, as it takes any equality for a rare one.
-    of_shape = ShapeRow.number, ShapeRow.collection_number, ShapeRow.deleted_at
-    sized = (
-        select(*of_shape, PieceRow.place, PieceRow.lengths)
-        .join(EmbeddingRow, OF_SHAPE)
-        .join(PieceRow, PieceRow.embedding_number == EmbeddingRow.number)
-        .where(
-            EmbeddingRow.fingerprint == fingerprint,
-            or_(*(PieceRow.size.between(*each) for each in sizes)),
-            PieceRow.pieces > 1 if of_several else PieceRow.pieces == 1,
+    found: list[Row[int, bytes]] = []
+    for least, greatest in sizes:
+        query = (
+            select(PieceRow.embedding_number, PieceRow.lengths)
+            .where(PieceRow.of_several == of_several, PieceRow.size.between(least, greatest))
+            .order_by(PieceRow.embedding_number)
+            .limit(MOST_PIECES - len(found))
         )
-    )
-    near = sized.cte("near").prefix_with("MATERIALIZED")
-    query = select(near.c.number, near.c.lengths).where(
-        near.c.collection_number == shapes.collection, near.c.deleted_at.is_(None)
-    )
-    if not shapes.is_empty:
-        query = query.where(near.c.number.in_(matching(shapes)))
-    rows = session.execute(query.order_by(near.c.number, near.c.place).limit(AT_ONCE))
-    return [(number, lengths) for number, lengths in rows]
+        found += session.connection().execute(query).all()
+    embeddings = np.array([number for number, _ in found], dtype=np.int64)
+    return embeddings, stacked([lengths for _, lengths in found]).view("<f4").reshape(-1, WIDTH)
+
+
+def shapes_of(
+    session: ReadSession, fingerprint: str, shapes: ShapeFilter, embeddings: Ints
+) -> list[tuple[int, int]]:
+    """Return the shapes, with their embeddings, that match a filter and have one of some embeddings."""
+    # The embeddings come first, and the filter is applied to their shapes afterwards: SQLite would look up
+    # every shape of the collection, as it takes any equality for a rare one.
+    columns = ShapeRow.number, EmbeddingRow.number.label("embedding"), ShapeRow.collection_number
+    found = []
+    for start in range(0, len(embeddings), AT_ONCE):
+        batch = embeddings[start : start + AT_ONCE].tolist()
+        of_file = select(*columns).join(EmbeddingRow, OF_SHAPE).where(NOT_DELETED)
+        of_file = of_file.where(EmbeddingRow.number.in_(batch), EmbeddingRow.fingerprint == fingerprint)
+        near = of_file.cte("near").prefix_with("MATERIALIZED")
+        query = select(near.c.number, near.c.embedding).where(near.c.collection_number == shapes.collection)
+        if not shapes.is_empty:
+            query = query.where(near.c.number.in_(matching(shapes)))
+        found += [(shape, embedding) for shape, embedding in session.execute(query)]
+    return found
 
 
 def latest(session: ReadSession, fingerprint: str, count: int) -> list[int]:

@@ -157,10 +157,10 @@ def add_embedding(
         "checksum": checksum_of(embedded.coarse_samples),
     }
     session.insert(CoarseSamplesRow, {"embedding_number": number, **beside})
-    count = number_of_pieces(embedded.pieces)
-    for place, lengths in enumerate(embedded.pieces):
-        row = {"place": place, "size": float(lengths[SIZE]), "pieces": count, "lengths": lengths}
-        session.insert(PieceRow, {"embedding_number": number, **row})
+    of_several = number_of_pieces(embedded.pieces) > 1
+    for place, lengths in enumerate(embedded.pieces.astype("<f4")):
+        row = {"of_several": of_several, "size": float(lengths[SIZE]), "lengths": lengths.tobytes()}
+        session.insert(PieceRow, {"embedding_number": number, "place": place, **row})
     if latest is None:
         ensure_hnsw(session, fingerprint)
 

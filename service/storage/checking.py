@@ -224,9 +224,9 @@ class _Check:
             faults.append("has a signature beside it that is not its own")
         if coarse_samples is not None and views != (own_views, intrinsic_reliability(embedding.facts)):
             faults.append("has views beside its coarse samples that are not its own")
-        count = number_of_pieces(embedding.pieces)
-        own_pieces = [(float(lengths[SIZE]), count, lengths.tobytes()) for lengths in embedding.pieces]
-        pieces = "SELECT size, pieces, lengths FROM pieces WHERE embedding_number = ? ORDER BY place"
+        several = number_of_pieces(embedding.pieces) > 1
+        own_pieces = [(several, float(lengths[SIZE]), lengths.tobytes()) for lengths in embedding.pieces]
+        pieces = "SELECT of_several, size, lengths FROM pieces WHERE embedding_number = ? ORDER BY place"
         if self._connection.execute(pieces, [number]).fetchall() != own_pieces:
             faults.append("has pieces beside it that are not its own")
         if self._dimensions.setdefault(fingerprint, dimensions) != dimensions:

@@ -226,18 +226,18 @@ class CoarseSamplesRow(Table):
 class PieceRow(Table):
     """A kind of the pieces of an embedding's surface: a row of `core.descriptors.pieces`.
 
-    `size` is the square root of the area of one piece, `lengths` the whole row, and `pieces` the number of
-    pieces of all kinds.
+    `size` is the square root of the area of one piece, `lengths` the whole row in little-endian float32, and
+    `of_several` whether the surface has several pieces. The index alone answers which have a size.
     """
 
     __tablename__ = "pieces"
-    __table_args__ = (Index("pieces_by_size", "size"),)
+    __table_args__ = (Index("pieces_by_size", "of_several", "size", "embedding_number", "lengths"),)
 
     embedding_number: Mapped[int] = _key_of("embeddings")
     place: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    of_several: Mapped[bool]
     size: Mapped[float]
-    pieces: Mapped[int]
-    lengths: Mapped[NDArray[np.float32]] = mapped_column(Vector("<f4"))
+    lengths: Mapped[bytes]
 
 
 class RemovalRow(Table):

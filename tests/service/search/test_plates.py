@@ -93,6 +93,14 @@ def test_parts_are_found_for_a_plate(shared: Running, stocked: dict[str, str]) -
     }
 
 
+def test_pieces_of_nearly_one_size_count_once(shared: Running, stocked: dict[str, str]) -> None:
+    """The plate has three shafts, and two pieces of which the bracket may be an instance."""
+    larger = Mesh(1.005 * BRACKET.vertices, BRACKET.faces)
+    asked = {"min_cc": 0.9999, "top_k": 1}
+    answer = query(shared.client, file_of(plate([BRACKET, larger, *[SHAFT] * 3])), "query.stl", **asked)
+    assert list(likenesses(answer.json()["parts"])) == ["shaft"]
+
+
 def test_a_plate_among_the_results_has_the_same_words(shared: Running, stocked: dict[str, str]) -> None:
     answer = query(shared.client, file_of(BRACKET), "query.stl", top_k=20).json()
     assert answer["parts"] == []
