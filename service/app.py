@@ -60,8 +60,8 @@ from service.turns import Shares, Turns
 from service.web.endpoints import router as page_router
 from service.webhooks.sender import keep_telling
 
-DESCRIPTOR_BYTES = 256 * 1024**2
-"""Memory for descriptors of stored shapes: 34 kB each, 108 kB for an incomplete shape."""
+DESCRIPTOR_SHARE = 3
+"""Descriptors have at most this part of the memory for search: 34 kB a shape, 108 kB an incomplete one."""
 
 RELATIONS = 4096
 """Pairs of shapes of which it is kept what registration told: about 1 kB each."""
@@ -236,7 +236,7 @@ def _start(settings: Settings, parameters: Parameters, gate: Gate, metrics: Metr
         file_batches=Shares(FILE_BATCHES),
         searches=ActivityGate(),
         comparing_is_ready=Event(),
-        descriptors=EmbeddingCache(DESCRIPTOR_BYTES),
+        descriptors=EmbeddingCache(settings.search_bytes // DESCRIPTOR_SHARE),
         measurements=SurfaceMeasurements(),
         judging=set(),
         relations=LRUCache(RELATIONS),

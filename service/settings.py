@@ -114,8 +114,7 @@ class Settings(BaseSettings):
     # Search.
     rank_by: Literal["cc", "ssd", "sim", "combined", "contextual"] = "cc"
     shortlist_from: PositiveInt = 2_000
-    shortlist_length: PositiveInt = 1_000
-    reranked: PositiveInt = 300
+    shortlist_length: PositiveInt = 600
     finalists: PositiveInt = 40
     search_bytes: int = Field(default=1280 * 1024**2, ge=0)
     signatures: Literal["memory", "database"] = "memory"

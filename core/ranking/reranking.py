@@ -1,8 +1,7 @@
 """Approximate CC of one shape with many others, from their first samples in bytes: a kilobyte a shape.
 
-Coordinates are whole numbers in [-127, 127], with one scale a column. The coarse ranking reads fewer samples
-and searches from the query alone; the re-ranking searches from both. Both choose the shapes that are matched
-in full.
+Coordinates are whole numbers in [-127, 127], with one scale a column. The re-ranking of a shortlist chooses
+the shapes that are matched in full.
 """
 
 import numpy as np
@@ -10,16 +9,12 @@ from numpy.typing import NDArray
 
 from core.arrays import Bytes, Float32s, Int8s
 from core.embedding import Embedding
-from core.matching.kernels import one_to_many
-from core.matching.kernels.spline_search import SearchRounds
+from core.matching.kernels.one_to_many import COARSE_SAMPLES
 from core.matching.match_records import compared, search_rounds
 from core.parameters import Parameters
 
-COARSE_SAMPLES = 32
-"""Samples of each shape that a coarse ranking reads."""
-
 KEPT_SAMPLES = 48
-"""Samples of each shape that are kept, and that a re-ranking reads.
+"""Samples of each shape that a re-ranking reads.
 
 Of the three shapes of greatest CC among 1,025 (psb, shrec11, tosca, webmodels), 98.9 % are among the first 43
 of a re-ranking, and of the ten, 97.2 % among the first 50 (205 queries).
@@ -50,32 +45,16 @@ def coarse_samples(embedding: Embedding) -> Bytes:
     return _joined(np.array([count], dtype=np.int32), scales, coordinates)
 
 
-def coarse_ranking(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
+def rerank(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
     """Compute an approximate CC of one shape with each of c others, from their first samples.
 
-    One search in each spectral domain, from the query alone, refined once. The query is a match record, and
-    all were made with the parameters. The result, float32, shape (c,), is -1 for coarse samples without a
-    sample.
-    """
-    rounds = search_rounds(parameters)._replace(
-        sides=1, kept_maps=1, align_rounds=0, align_samples=COARSE_SAMPLES, final_rounds=0
-    )
-    return _approximate_cc(query, coarse_samples, rounds)
-
-
-def rerank(query: Float32s, coarse_samples: Bytes, parameters: Parameters) -> Float32s:
-    """Compute a better approximation of CC than `coarse_ranking`, from the same bytes.
-
     Searches from both shapes, of which the best is refined. The splines of the others do not bend: these take
-    a hundredth of the time to make, and mostly lead to the same map.
+    a hundredth of the time to make, and mostly lead to the same map. The query is a match record, and all
+    were made with the parameters. The result, float32, shape (c,), is -1 for coarse samples without a sample.
     """
     rounds = search_rounds(parameters)._replace(kept_maps=1, align_samples=KEPT_SAMPLES, final_rounds=0)
-    return _approximate_cc(query, coarse_samples, rounds)
-
-
-def _approximate_cc(query: Float32s, coarse_samples: Bytes, rounds: SearchRounds) -> Float32s:
     ends = coarse_samples.shape[1] * np.arange(1, len(coarse_samples) + 1)
-    scores, _ = compared(query, coarse_samples.ravel(), ends, one_to_many.COARSE_SAMPLES, rounds)
+    scores, _ = compared(query, coarse_samples.ravel(), ends, COARSE_SAMPLES, rounds)
     return np.maximum(scores[:, 0], -1.0).astype(np.float32)
 
 

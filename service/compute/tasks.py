@@ -38,7 +38,7 @@ from core.pipeline import Pipeline
 from core.ranking.class_probability import combined_scores
 from core.ranking.isometry import isometry_distance
 from core.ranking.likeness import least_bend
-from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
+from core.ranking.reranking import coarse_samples, rerank
 from core.ranking.shortlist import signature_distances
 from core.registration.instances import Instances, instances
 from core.registration.probed_surface import probed_surface
@@ -320,7 +320,6 @@ def warm_comparing(records: Sequence[bytes], parameters: Parameters) -> None:
         match_records = [match_record(embedding, parameters) for embedding in embeddings]
         score_match_records(match_records[0], match_records, parameters)
         samples = np.stack([coarse_samples(embedding) for embedding in embeddings])
-        coarse_ranking(match_records[0], samples, parameters)
         rerank(match_records[0], samples, parameters)
 
 

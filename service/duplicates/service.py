@@ -23,7 +23,7 @@ from service.index.repository import revision
 from service.observability.logging import get_logger
 from service.observability.metrics import Timings
 from service.pipelines.active import ActivePipeline, Pipelines
-from service.search.neighbours import make_row
+from service.search.neighbours import likeliest
 from service.shapes import repository as shapes_repository
 from service.shapes.records import ShapeFilter
 from service.shapes.schemas import Shape
@@ -154,9 +154,8 @@ def _report(
 async def keep_judging(container: Container) -> None:
     """Find the neighbours of new shapes; judge them for copies, then for variants once these were asked for.
 
-    This happens while no request and no job is at work: neighbours are found for one shape at a time, and
-    only as many are judged as there are workers. The database knows what is done, so that a restarted service
-    continues.
+    This happens while no request and no job is at work, for as many shapes at a time as there are workers.
+    The database knows what is done, so that a restarted service continues.
     """
 
     async def idle() -> bool:
@@ -271,9 +270,14 @@ async def find_neighbours(container: Container, active_pipeline: ActivePipeline)
         return False
     reading, fingerprint = container.database.reading, active_pipeline.fingerprint
     shapes = await reading(neighbour_repository.lacking, fingerprint, LOOKED_AT_ONCE)
-    for shape in shapes:
+    workers = container.settings.workers
+    for start in range(0, len(shapes), workers):
         await _idle(container)
-        await make_row(container, active_pipeline, *shape)
+        # The rows are stored in the order of the shapes, whichever are compared first.
+        compared = await together(
+            likeliest(container, active_pipeline, *shape) for shape in shapes[start : start + workers]
+        )
+        await container.database.writing(neighbour_repository.write, fingerprint, compared)
     return bool(shapes)
 
 

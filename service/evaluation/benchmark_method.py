@@ -18,7 +18,7 @@ from core.io import format_of, read_mesh, write_mesh
 from core.matching.match_records import match_record, score_match_records
 from core.parameters import DEFAULT
 from core.pipeline import Pipeline
-from core.ranking.reranking import coarse_ranking, coarse_samples, rerank
+from core.ranking.reranking import coarse_samples, rerank
 from core.serialization import embedding_from_bytes, embedding_to_bytes
 from service.evaluation.benchmark_shapes import NamedMesh, Source, nearest, resized, shaken
 
@@ -160,10 +160,9 @@ def matching_rows(
 def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dict[str, Callable[[], float]]:
     """Return functions that run steps of matching, both ways in every embedding, and return their seconds.
 
-    One of `MANY` in a query: the match `one_of_many`, `reranking` and `coarse_ranking`. One match by
-    `Pipeline.score`, which hashes both embeddings to look up its caches: `score`. From the bytes of two
-    stored embeddings to CC, SSD and sim without any cache: `decode`, `pack` (their match records) and
-    `match`.
+    One of `MANY` in a query: the match `one_of_many`, and `reranking`. One match by `Pipeline.score`, which
+    hashes both embeddings to look up its caches: `score`. From the bytes of two stored embeddings to CC, SSD
+    and sim without any cache: `decode`, `pack` (their match records) and `match`.
     """
     copies = [candidate, *(shaken(candidate, number) for number in range(1, MANY))]
     packed = match_record(query, DEFAULT)
@@ -175,7 +174,6 @@ def match_steps(query: Embedding, candidate: Embedding, method: Pipeline) -> dic
     return {
         "one_of_many": lambda: _seconds(lambda: score_match_records(packed, candidates, DEFAULT)) / MANY,
         "reranking": lambda: _seconds(lambda: rerank(packed, samples, DEFAULT)) / MANY,
-        "coarse_ranking": lambda: _seconds(lambda: coarse_ranking(packed, samples, DEFAULT)) / MANY,
         "score": lambda: _seconds(lambda: method.score(query, [candidate])),
         "decode": lambda: _seconds(lambda: [embedding_from_bytes(record) for record in stored]),
         "pack": lambda: _seconds(lambda: [match_record(embedding, DEFAULT) for embedding in embeddings]),

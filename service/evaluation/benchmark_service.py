@@ -51,22 +51,13 @@ SHORTLIST_FROM: int = Settings.model_fields["shortlist_from"].default
 CHECKED_RANKINGS: tuple[RankBy, ...] = ("cc", "combined")
 RANKINGS: tuple[RankBy, ...] = (*CHECKED_RANKINGS, "contextual")
 
-RECORD_BYTES = 64_000
-"""Memory with room for the match record and the descriptors of a shape."""
+RECORD_BYTES = 110_000
+"""Memory with room for the match record and the descriptors of a shape, of which it may take a third."""
 
-LENGTHS = (
-    (250, 50, 10),
-    (500, 100, 10),
-    (1_000, 200, 20),
-    (1_000, 300, 20),
-    (2_000, 400, 30),
-    (4_000, 800, 60),
-)
-"""Shapes in coarse ranking, in re-ranking, and compared in full besides the requested results."""
+LENGTHS = ((150, 10), (300, 20), (600, 20), (600, 40), (1_200, 80))
+"""Shapes re-ranked, and compared in full besides the requested results."""
 
-DEFAULT_LENGTHS = tuple(
-    Settings.model_fields[name].default for name in ("shortlist_length", "reranked", "finalists")
-)
+DEFAULT_LENGTHS = tuple(Settings.model_fields[name].default for name in ("shortlist_length", "finalists"))
 """Those of the settings, the only ones that are checked among more than `EXHAUSTIVE` shapes."""
 
 FILE_VERTICES = 3_000
@@ -172,7 +163,7 @@ def cascade_rows(
     ids: Sequence[str],
     rank_by: RankBy,
     queries: int,
-    lengths: Sequence[tuple[int, int, int]],
+    lengths: Sequence[tuple[int, int]],
 ) -> list[dict[str, Any]]:
     """Measure each choice of stage lengths against exhaustive search, which is the last row.
 
@@ -184,11 +175,10 @@ def cascade_rows(
     size = len(ids)
     labels = {id: source[number % len(source)][0] for number, id in enumerate(ids)}
     asked = [ids[number * STEP % len(source)] for number in range(min(queries, len(source)))]
-    measured: dict[tuple[int, int, int] | None, tuple[list[list[str]], float]] = {}
+    measured: dict[tuple[int, int] | None, tuple[list[list[str]], float]] = {}
     for length in (*lengths, None):
-        shortlist, reranked, finalists = length or (size, size, size)
-        settings = {"shortlist_from": 1, "shortlist_length": shortlist}
-        settings |= {"reranked": reranked, "finalists": finalists}
+        shortlist, finalists = length or (size, size)
+        settings = {"shortlist_from": 1, "shortlist_length": shortlist, "finalists": finalists}
         if length is None:
             settings["search_bytes"] = RECORD_BYTES * size
         with served(url, **settings) as (service, client):
@@ -212,7 +202,7 @@ def cascade_rows(
         ]
         same = [results[0] == best[0] for results, best in zip(answers, exhaustive, strict=True)]
         row: dict[str, Any] = {"ranked_by": rank_by, "shapes": size, "queries": len(asked)}
-        row |= zip(("shortlist", "reranked", "in_full"), length or (None, None, None), strict=True)
+        row |= zip(("shortlist", "in_full"), length or (None, None), strict=True)
         row |= {"same_first": fmean(same), "recall_3": _recall(answers, exhaustive, 3)}
         row |= {"recall_10": _recall(answers, exhaustive, 10)}
         row |= {"first_of_class": fmean(each[0] for each in right)}

@@ -4,6 +4,8 @@ A query reads the rows around its candidates, a millisecond for some hundred: so
 graph in memory, and sees what other services have written.
 """
 
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -69,37 +71,42 @@ def count_lacking(session: ReadSession, fingerprint: str, collection: Collection
     return session.scalar(query.where(ShapeRow.collection_number == collection)) or 0
 
 
-def write(
-    session: WriteSession, fingerprint: str, shape: tuple[int, int], compared: Ints, log_odds: Floats
-) -> None:
-    """Store the row of a shape, and put it into the rows of the shapes that it is among the nearest of.
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A shape, and those that it was compared with.
 
-    Parameters
-    ----------
-    session : WriteSession
-    fingerprint : str
-    shape : (int, int)
-        The numbers of the shape and of its embedding. Nothing is stored if the shape does not have it.
-    compared : int64, shape (c,)
-        The shapes that it was compared with.
-    log_odds : float64, shape (c,)
-        Log odds that it and each of these are of one class.
+    `shape` and `embedding` are numbers, `others` has those of c shapes, and `log_odds` the log odds that the
+    shape and each of these are of one class, both of shape (c,).
     """
-    number, embedding = shape
-    if not has_embedding(session, number, embedding):
-        return
-    session.merge(NeighboursRow(**columns_of(fingerprint, number, compared, log_odds)))
-    others = neighbour_rows(session, fingerprint, compared)
-    of = dict(zip(compared.tolist(), log_odds.tolist(), strict=True))
+
+    shape: int
+    embedding: int
+    others: Ints
+    log_odds: Floats
+
+
+def write(session: WriteSession, fingerprint: str, rows: Iterable[Compared]) -> None:
+    """Store the rows of shapes, and put these into the rows of the shapes that they are among the nearest of.
+
+    Nothing is stored of a shape that does not have its embedding any more.
+    """
+    for row in rows:
+        if has_embedding(session, row.shape, row.embedding):
+            _write(session, fingerprint, row)
+
+
+def _write(session: WriteSession, fingerprint: str, row: Compared) -> None:
+    columns = columns_of(fingerprint, row.shape, row.others, row.log_odds)
+    session.merge(NeighboursRow(**columns))
+    kept = neighbour_rows(session, fingerprint, row.others)
+    of = dict(zip(row.others.tolist(), row.log_odds.tolist(), strict=True))
     changed = []
-    for other, neighbours, values in zip(
-        others.shapes.tolist(), others.neighbours, others.log_odds, strict=True
-    ):
-        kept = (neighbours != number) & (neighbours != NOBODY)
-        if kept.all() and of[other] <= values[-1]:
+    for other, neighbours, values in zip(kept.shapes.tolist(), kept.neighbours, kept.log_odds, strict=True):
+        others = (neighbours != row.shape) & (neighbours != NOBODY)
+        if others.all() and of[other] <= values[-1]:
             continue
-        nearest = np.append(neighbours[kept], number)
-        changed.append(columns_of(fingerprint, other, nearest, np.append(values[kept], of[other])))
+        nearest, log_odds = np.append(neighbours[others], row.shape), np.append(values[others], of[other])
+        changed.append(columns_of(fingerprint, other, nearest, log_odds))
     if changed:
         session.execute(update(NeighboursRow), changed)
 

@@ -19,7 +19,7 @@ from core.ranking.diffusion import (
 from core.ranking.shortlist import least
 from service.collection import CollectionNumber
 from service.container import Container
-from service.index.neighbour_repository import neighbour_rows, write
+from service.index.neighbour_repository import Compared, neighbour_rows
 from service.pipelines.active import ActivePipeline
 from service.search import repository
 from service.search.caches import CandidateReader
@@ -48,16 +48,16 @@ class RowsAround(NeighbourRows):
     known: NDArray[np.bool_]
 
 
-async def make_row(
+async def likeliest(
     container: Container,
     active_pipeline: ActivePipeline,
     collection: CollectionNumber,
     shape: int,
     embedding: int,
-) -> None:
-    """Compare a stored shape with the likeliest others of its collection, and store its nearest neighbours.
+) -> Compared:
+    """Compare a stored shape, given by number as its embedding, with the likeliest others of its collection.
 
-    The shape and its embedding are given by number. An embedding that cannot be read has no neighbours.
+    An embedding that cannot be read is compared with none.
     """
     records = await container.database.reading(repository.embedding_records, [embedding])
     compared, log_odds = np.empty(0, np.int64), np.empty(0)
@@ -76,8 +76,7 @@ async def make_row(
             matched = await cascade.score(candidates, NEIGHBOURS)
             assert matched.log_odds is not None
             compared, log_odds = matched.candidates.entries.shapes, matched.log_odds
-    fingerprint = active_pipeline.fingerprint
-    await container.database.writing(write, fingerprint, (shape, embedding), compared, log_odds)
+    return Compared(shape, embedding, compared, log_odds)
 
 
 def in_context(session: ReadSession, query: Query, matched: MatchedCandidates) -> MatchedCandidates:

@@ -234,14 +234,19 @@ def shapes_of(
     """Return the shapes, with their embeddings, that match a filter and have one of some embeddings."""
     # The embeddings come first, and the filter is applied to their shapes afterwards: SQLite would look up
     # every shape of the collection, as it takes any equality for a rare one.
-    columns = ShapeRow.number, EmbeddingRow.number.label("embedding"), ShapeRow.collection_number
+    of_shape = ShapeRow.number, ShapeRow.collection_number, ShapeRow.deleted_at
     found = []
     for start in range(0, len(embeddings), AT_ONCE):
         batch = embeddings[start : start + AT_ONCE].tolist()
-        of_file = select(*columns).join(EmbeddingRow, OF_SHAPE).where(NOT_DELETED)
-        of_file = of_file.where(EmbeddingRow.number.in_(batch), EmbeddingRow.fingerprint == fingerprint)
-        near = of_file.cte("near").prefix_with("MATERIALIZED")
-        query = select(near.c.number, near.c.embedding).where(near.c.collection_number == shapes.collection)
+        embedded = select(*of_shape, EmbeddingRow.number.label("embedding")).join(EmbeddingRow, OF_SHAPE)
+        near = (
+            embedded.where(EmbeddingRow.number.in_(batch), EmbeddingRow.fingerprint == fingerprint)
+            .cte("near")
+            .prefix_with("MATERIALIZED")
+        )
+        query = select(near.c.number, near.c.embedding).where(
+            near.c.collection_number == shapes.collection, near.c.deleted_at.is_(None)
+        )
         if not shapes.is_empty:
             query = query.where(near.c.number.in_(matching(shapes)))
         found += [(shape, embedding) for shape, embedding in session.execute(query)]

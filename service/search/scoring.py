@@ -1,8 +1,7 @@
 """The candidates of a query and their scores, in batches on the threads of the service.
 
-The candidates are all shapes that match the filter of the query, or a shortlist of them. The cascade: coarse
-ranking and re-ranking by the coarse samples in memory; the full match. Each step passes the best on. The
-first two run for a shortlist only.
+The candidates are all shapes that match the filter of the query, or a shortlist of them. The cascade: a
+shortlist is re-ranked by the coarse samples in memory, and the best are matched in full.
 """
 
 import asyncio
@@ -27,7 +26,7 @@ from core.parameters import Parameters
 from core.ranking.class_probability import pooled_log_odds
 from core.ranking.differences import TYPICAL_SIM, CoarseDescriptors, coarse_differences, differences_of
 from core.ranking.local_density import LocalDensities, typical_densities
-from core.ranking.reranking import coarse_ranking, rerank
+from core.ranking.reranking import rerank
 from core.ranking.shortlist import least
 from service.compute.request_queue import short_of_memory
 from service.compute.tasks import part_of_mesh, score_embeddings
@@ -43,24 +42,19 @@ from service.shapes.records import ShapeFilter
 
 log = get_logger("search")
 
-MATCH_BATCH, DESCRIPTOR_BATCH, RERANK_BATCH, COARSE_BATCH, PROCESS_BATCH = 48, 64, 96, 256, 256
-"""Most embeddings that a thread matches, compares by descriptors, re-ranks or ranks coarsely at a time, and
-that a worker process matches."""
+MATCH_BATCH, DESCRIPTOR_BATCH, RERANK_BATCH, PROCESS_BATCH = 48, 64, 96, 256
+"""Most embeddings that a thread matches, compares by descriptors or re-ranks at a time, and that a worker
+process matches."""
 
 LONGER = 4
 """Factor of these lengths for queries that run side by side: they keep the workers busy together."""
 
-DESCRIBED = 1.0 / 3.0
+DESCRIBED = 1.0 / 4.0
 """Share of the re-ranked candidates whose descriptors are read, if log odds rank the answer."""
 
 SKIPPED = frozenset({"spin_images"})
 """Descriptors that re-ranking does not compare with those of a complete query: their distances take most of
 the time, and do not change which candidates are matched in full."""
-
-PART_FACTOR = 2
-"""Factor of the number of re-ranked candidates of an incomplete query. Descriptors of all of them are read,
-since the log odds depend mostly on spin images."""
-
 
 VIEW_SHARE = 0.5
 """Shapes near by view signatures in a shortlist, for each one near by signatures."""
@@ -113,7 +107,7 @@ class Cascade:
         return self.query.active_pipeline.pipeline.parameters
 
     async def score(self, candidates: Candidates, top_k: int) -> MatchedCandidates:
-        """Match the candidates, each embedding once; of a shortlist, only the best of the earlier stages.
+        """Match the candidates, each embedding once; of a shortlist, only the best of the re-ranking.
 
         The full match has as many more candidates than `top_k` as the setting of finalists says. Deleted and
         unreadable candidates are left out. The matches have log odds if these rank the answer.
@@ -121,8 +115,9 @@ class Cascade:
         with self.container.searches.running():
             if self.query.active_pipeline.pipeline.matcher.uses_match_records:
                 record = await run_in_threadpool(self._match_record)
-                if candidates.shortlisted:
-                    candidates = await self._finalists(record, candidates, top_k)
+                finalists = self.container.settings.finalists + top_k
+                if candidates.shortlisted and finalists < len(candidates):
+                    candidates = await self._rerank(record, candidates, finalists)
                 match: Callable[[Ints], Any] = partial(self._match, record, candidates)
                 length = MATCH_BATCH
             else:
@@ -183,36 +178,12 @@ class Cascade:
             cached[query.number] if query.number in cached else match_record(query.embedding, self.parameters)
         )
 
-    async def _finalists(self, record: Float32s, candidates: Candidates, top_k: int) -> Candidates:
-        """Return the candidates of a shortlist that are matched in full."""
-        settings = self.container.settings
-        finalists = settings.finalists + top_k
-        reranked = max(settings.reranked, finalists)
-        if self.by_log_odds and is_part(self.query.spin_images):
-            reranked *= PART_FACTOR
-        if reranked < len(candidates):
-            candidates = await self._rank_coarsely(record, candidates, reranked)
-        if finalists < len(candidates):
-            candidates = await self._rerank(record, candidates, finalists)
-        return candidates
-
-    async def _rank_coarsely(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
-        """Return the best candidates by coarse samples, and by coarse log odds if these rank the answer."""
-        entries = candidates.entries
-
-        def rank(rows: Ints) -> Floats:
-            return coarse_ranking(record, entries.coarse_samples[rows], self.parameters)[None].astype(float)
-
-        (scores,) = await self.in_batches(rank, np.arange(len(candidates)), COARSE_BATCH)
-        if self.by_log_odds:
-            scores = await run_in_threadpool(coarse_log_odds, self.query, entries, scores)
-        return _best(candidates, scores, count)[0]
-
     async def _rerank(self, record: Float32s, candidates: Candidates, count: int) -> Candidates:
         """Return the best candidates by re-ranking, and by descriptors if log odds rank the answer.
 
         Coarse log odds choose the candidates whose descriptors are read, and their local densities are
-        estimated. Of an incomplete query, all descriptors are read, and densities computed.
+        estimated. Of an incomplete query, all descriptors are read, and densities computed, since the log
+        odds depend mostly on spin images.
         """
         coarse_samples = candidates.entries.coarse_samples
 

@@ -1,7 +1,7 @@
 """The index of signatures, which finds candidates of a query: in memory, or in PostgreSQL with pgvector."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -76,11 +76,13 @@ class MemoryIndex:
                 lacking,
                 stored,
             )
-        if not shapes.is_empty:
-            matching = shapes_repository.numbers(session, shapes)
+        # Most shapes match a filter that only excludes some: reading these takes a hundredth of the time.
+        others = replace(shapes, excluded=())
+        if not others.is_empty:
+            matching = shapes_repository.numbers(session, others)
             selected &= np.isin(table.shapes, np.array(matching, dtype=np.int64))
-        for number in query.excluded:
-            selected &= table.shapes != number
+        excluded = [*query.excluded, *shapes_repository.numbers_of(session, shapes.excluded)]
+        selected &= ~np.isin(table.shapes, np.array(excluded, dtype=np.int64))
         rows = np.flatnonzero(selected)
         if wanted.shortlist_from is None or len(rows) < wanted.shortlist_from:
             return table.without_samples().only(rows), False

@@ -94,6 +94,11 @@ def numbers(session: ReadSession, shapes: ShapeFilter) -> Sequence[int]:
     return session.scalars(matching(shapes)).all()
 
 
+def numbers_of(session: ReadSession, ids: Sequence[str]) -> Sequence[int]:
+    """Return the numbers of the shapes with some ids."""
+    return session.scalars(select(ShapeRow.number).where(ShapeRow.id.in_(ids))).all() if ids else []
+
+
 def count(session: ReadSession, shapes: ShapeFilter) -> int:
     """Return the number of shapes that match a filter."""
     return session.scalar(select(func.count()).select_from(matching(shapes).subquery())) or 0

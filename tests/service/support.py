@@ -143,11 +143,13 @@ def on_loop(running: Running, work: Coroutine[Any, Any, T]) -> T:
     return asyncio.run_coroutine_threadsafe(work, running.server.servers[0].get_loop()).result(END_SECONDS)
 
 
-def relate(running: Running) -> None:
-    """Find the neighbours of every shape, as the background does."""
-    with running.container.database.read() as session:
-        active_pipeline = running.container.pipelines.current(session)
-    while on_loop(running, find_neighbours(running.container, active_pipeline)):
+def relate(running: Running, workers: int = 1) -> None:
+    """Find the neighbours of every shape, as the background does with some workers."""
+    settings = running.container.settings.model_copy(update={"workers": workers})
+    container = replace(running.container, settings=settings)
+    with container.database.read() as session:
+        active_pipeline = container.pipelines.current(session)
+    while on_loop(running, find_neighbours(container, active_pipeline)):
         pass
 
 

@@ -91,7 +91,7 @@ def dequantised_points(whole: Bytes, scales: Float32s) -> Float32s:
 def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> MatchRecord:
     """Return a match record of samples without regions, and with the warp, radius and key of x.
 
-    Its splines are flat; a search from x alone reads none, and gets those of x.
+    Its splines are flat.
     """
     domains, dimensions, _ = x.searched.shape
     columns = x.points.shape[1]
@@ -104,7 +104,7 @@ def record_of_samples(data: Bytes, x: MatchRecord, rounds: SearchRounds) -> Matc
     samples = min(rounds.search_samples, count)
     searched = searched_columns(points, domains, dimensions, samples)
     operators = x.operators
-    if rounds.sides > 1 and samples > 0:
+    if samples > 0:
         stages = dimensions - rounds.first_dimensions + 1
         operators = np.zeros((domains, stages, samples, whole_vectors(samples)), dtype=np.float32)
         flat_splines(searched, rounds.first_dimensions, operators)

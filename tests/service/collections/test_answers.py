@@ -31,7 +31,7 @@ def answers(
 ) -> Iterator[dict[tuple[str, str], Any]]:
     """The answers by collection and way; "alone" behind its name is without the other collection."""
     engine, signatures = request.param
-    limits = {"shortlist_from": 5, "shortlist_length": 4, "reranked": 3, "finalists": 2}
+    limits = {"shortlist_from": 5, "shortlist_length": 4, "finalists": 2}
     with ExitStack() as stack:
         stack.enter_context(using(engine))
         settings = settings_in(tmp_path_factory.mktemp("answers"), signatures=signatures, **limits)

@@ -85,7 +85,7 @@ def test_every_step_of_a_match_takes_one_interval_of_a_clock_that_counts_its_rea
     monkeypatch.setattr("service.evaluation.benchmark_method.perf_counter", lambda: float(next(readings)))
     method = Pipeline(DEFAULT)
     steps = match_steps(*(method.embed(make_shape("pliers", pose)) for pose in (0, 1)), method)
-    shared = dict.fromkeys(("one_of_many", "reranking", "coarse_ranking"), 1.0 / MANY)
+    shared = dict.fromkeys(("one_of_many", "reranking"), 1.0 / MANY)
     assert {name: step() for name, step in steps.items()} == dict.fromkeys(steps, 1.0) | shared
 
 

@@ -22,7 +22,7 @@ FROM, LENGTH = 20, 12
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory, engine: str) -> Iterator[tuple[Running, Running]]:
     """Two services on one archive: by memory, and by the database."""
-    limits = {"shortlist_from": FROM, "shortlist_length": LENGTH, "reranked": 8, "finalists": 2}
+    limits = {"shortlist_from": FROM, "shortlist_length": LENGTH, "finalists": 2}
     settings = settings_in(tmp_path_factory.mktemp("stored"), workers=1, **limits)
     by_database = settings.model_copy(update={"signatures": "database"})
     with serving(settings) as memory, serving(by_database) as database:

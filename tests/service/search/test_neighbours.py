@@ -1,17 +1,19 @@
 """The graph of neighbours: complete, whatever comes and goes, and an order of results."""
 
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import expit
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
 from core.io import write_mesh
 from core.ranking.diffusion import NEIGHBOURS, NOBODY, NeighbourRows
 from service.collections.endpoints import HEADER
 from service.index import neighbour_repository
+from service.index.neighbour_repository import Compared
 from service.search import neighbours
 from service.search.answer import NO_CONTEXT
 from service.storage.checking import check
@@ -234,13 +236,31 @@ def test_a_row_keeps_the_likeliest(service: Running, monkeypatch: pytest.MonkeyP
                 )
             ),
         )
-        compared = np.array([second])
-        neighbour_repository.write(session, fingerprint, (first, embedding), compared, np.array([99.0]))
+        compared = Compared(first, embedding, np.array([second]), np.array([99.0]))
+        neighbour_repository.write(session, fingerprint, [compared])
     changed = graph(service)
     assert changed.neighbours[0].tolist() == [second] + [NOBODY] * (NEIGHBOURS - 1)
     assert (changed.neighbours[1, 0], changed.log_odds[1, 0]) == (first, 99.0)
     kept = [each for each in rows.neighbours[1].tolist() if each != first]
     assert changed.neighbours[1, 1:].tolist() == kept[: NEIGHBOURS - 1]
+
+
+def test_rows_do_not_depend_on_how_many_shapes_are_compared_at_a_time(
+    service: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Few candidates make the order in which rows are stored count."""
+    monkeypatch.setattr(neighbours, "SHORTLIST_FROM", 2)
+    monkeypatch.setattr(neighbours, "ROW_CANDIDATES", 6)
+    for number in range(NEIGHBOURS):
+        service.store(small_file(number), f"{number}.off")
+    found = []
+    for workers in (1, 5):
+        with service.container.database.write() as session:
+            session.execute(delete(NeighboursRow))
+        relate(service, workers)
+        found.append(graph(service))
+    for one, other in zip(*map(astuple, found), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @on_both

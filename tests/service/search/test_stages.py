@@ -17,7 +17,7 @@ from service.storage.database import ReadSession
 from tests.gallery import make_shape
 from tests.service.support import Running, module_service, query, small_file
 
-LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "reranked": 6, "finalists": 2}
+LENGTHS = {"shortlist_from": 5, "shortlist_length": 9, "finalists": 2}
 STORED = 12
 
 
@@ -26,7 +26,7 @@ stocked = module_service(
 )
 
 
-def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
+def test_all_candidates_of_an_incomplete_query_are_described(
     stocked: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     reranked: list[int] = []
@@ -44,13 +44,12 @@ def test_more_candidates_of_an_incomplete_query_are_reranked_and_described(
     monkeypatch.setattr(scoring, "rerank", counted)
     monkeypatch.setattr(CandidateReader, "descriptors", read_descriptors)
     cup = make_shape("cup", 0)
-    # For an incomplete query, twice as many candidates would be re-ranked as there are.
-    for mesh, counts in ((cup, (6, 3)), (cut_part(cup, 0.5, 1), (9, 9))):
+    for mesh, count in ((cup, 3), (cut_part(cup, 0.5, 1), 9)):
         reranked.clear()
         described.clear()
         answer = query(stocked.client, write_mesh(mesh, "off"), rank_by="combined", top_k=1).json()
         assert answer["compared"] == LENGTHS["finalists"] + 1
-        assert (sum(reranked), len(set(described))) == counts
+        assert (sum(reranked), len(set(described))) == (LENGTHS["shortlist_length"], count)
 
 
 @pytest.mark.parametrize("options", [{"rank_by": "combined"}, {"exhaustive": True, "correspondences": True}])

@@ -26,7 +26,7 @@ def small(monkeypatch):
         monkeypatch.setattr(benchmark, name, partial(getattr(benchmark, name), **options))
     monkeypatch.setattr(benchmark_service, "EXHAUSTIVE", 10)
     monkeypatch.setattr(benchmark_service, "SHORTLIST_FROM", 10)
-    monkeypatch.setattr(benchmark_service, "DEFAULT_LENGTHS", (6, 5, 1))
+    monkeypatch.setattr(benchmark_service, "DEFAULT_LENGTHS", (6, 1))
 
 
 def test_the_method_as_tables(run, collection):
@@ -79,6 +79,6 @@ def test_queries_of_archives_made_of_the_collection(run, collection):
     cascades = tables["cascade"]
     assert [row["ranked_by"] for row in cascades] == ["cc", "cc", "combined", "combined"]
     for limited, everything in (cascades[:2], cascades[2:]):
-        assert (limited["shortlist"], limited["reranked"], limited["in_full"]) == (6, 5, 1)
-        assert everything["shortlist"] is everything["reranked"] is everything["in_full"] is None
+        assert (limited["shortlist"], limited["in_full"]) == (6, 1)
+        assert everything["shortlist"] is everything["in_full"] is None
         assert everything["same_first"] == everything["recall_3"] == everything["recall_10"] == 1.0
