@@ -1,10 +1,10 @@
 """A descriptor that is added to the table is in embeddings, in their records and among the differences."""
 
-import zlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import zstandard
 from safetensors.numpy import load, save
 
 from core.descriptors.registry import DESCRIPTORS, Descriptor, descriptors_of
@@ -60,7 +60,7 @@ def test_a_record_whose_array_is_not_of_its_kind_is_refused(
     bad = replace(embeddings[0], descriptors={**embeddings[0].descriptors, "toy": array})
     with pytest.raises(BadRecordError, match="toy"):
         embedding_from_bytes(embedding_to_bytes(bad))
-    arrays = load(zlib.decompress(embedding_to_bytes(embeddings[0])))
+    arrays = load(zstandard.decompress(embedding_to_bytes(embeddings[0])))
     del arrays["toy"]
     with pytest.raises(BadRecordError, match="toy"):
-        embedding_from_bytes(zlib.compress(save(arrays)))
+        embedding_from_bytes(zstandard.compress(save(arrays)))

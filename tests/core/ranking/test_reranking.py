@@ -1,7 +1,7 @@
 """Approximate CC from coarse samples, against the plain match on the same numbers."""
 
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 import pytest
