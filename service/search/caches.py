@@ -19,7 +19,7 @@ from core.errors import BadRecordError, CoreError
 from core.matching.match_records import match_record_of_points
 from core.ranking.local_density import density_sample
 from core.serialization import descriptors_from_bytes, points_from_bytes
-from service.collection import CollectionNumber
+from service.collection import DEFAULT_COLLECTION, CollectionNumber
 from service.compute.request_queue import whole
 from service.compute.tasks import example_records, warm_comparing
 from service.container import Container
@@ -40,7 +40,7 @@ KEPT_RECORDS = 512
 SECONDS, WARM_SECONDS = 0.5, 0.05
 """Seconds between looks for new shapes, and for a warm worker."""
 
-FIRST_SECONDS = 5.0
+FIRST_SECONDS = 1.0
 """The longest time that the service is not ready while it caches the stored embeddings at its start."""
 
 LEAST_SHARE = 4
@@ -178,6 +178,8 @@ class CacheWarmer:
             # After any other error, queries are answered without a warm cache.
             try:
                 active_pipeline, numbers = await whole(run_in_threadpool(self._missing))
+                if not ready.is_set():
+                    await whole(run_in_threadpool(self._read_sample, active_pipeline))
                 for start in range(0, len(numbers), RECORDS_AT_ONCE):
                     await self._container.searches.until_idle()
                     batch = numbers[start : start + RECORDS_AT_ONCE]
@@ -224,6 +226,11 @@ class CacheWarmer:
         room = settings.search_bytes - index.nbytes - descriptors.nbytes
         active_pipeline.cache.resize(max(room, settings.search_bytes // LEAST_SHARE))
         return active_pipeline, self._wanted(active_pipeline.cache, embeddings)
+
+    def _read_sample(self, active_pipeline: ActivePipeline) -> None:
+        """Read the sample of the default collection: 512 records, a second of a cold disk."""
+        with self._container.database.read() as session:
+            collection_sample(session, self._container, active_pipeline, DEFAULT_COLLECTION.number)
 
     def _wanted(self, cache: EmbeddingCache[Any], embeddings: Ints) -> list[int]:
         """Return the embeddings that a cache lacks, the last ones first, as many as it has room for."""
