@@ -43,7 +43,7 @@ LARGEST = float(np.finfo(np.float64).max)
 
 
 def embedding_to_bytes(embedding: Embedding) -> bytes:
-    """Return the record of an embedding: about 36 kB, or 54 kB for an incomplete surface.
+    """Return the record of an embedding: about 38 kB, or 56 kB for an incomplete surface.
 
     Arrays are stored by columns, whose numbers are more alike than those of a row. Coordinates are rounded as
     `core.matching.quantised_points.rounded` does, which those of a pipeline are already. The same embedding

@@ -30,9 +30,9 @@ class Container:
     `threads` compare embeddings in batches, of which each worker has one and one that waits; `batches` gives
     clients their turns, and `searches` counts the searches that use them. `downloads` are the files that are
     being sent, and `file_batches` the queries with several files. `comparing_is_ready` is set when compiled
-    code and match records are loaded. `descriptors` caches descriptors of stored shapes by the number of the
-    embedding. `judging` has the shapes that are compared with others to find near-identical ones, and whether
-    the search is for variants. `relations` has what registration told of the latest pairs
+    code and the first match records are loaded. `descriptors` caches descriptors of stored shapes by the
+    number of the embedding. `judging` has the shapes that are compared with others to find near-identical
+    ones, and whether the search is for variants. `relations` has what registration told of the latest pairs
     (`service.search.likeness`).
     """
 

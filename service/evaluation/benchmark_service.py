@@ -54,11 +54,14 @@ RANKINGS: tuple[RankBy, ...] = (*CHECKED_RANKINGS, "contextual")
 RECORD_BYTES = 110_000
 """Memory with room for the match record and the descriptors of a shape, of which it may take a third."""
 
-LENGTHS = ((150, 10), (300, 20), (600, 20), (600, 40), (1_200, 80))
-"""Shapes re-ranked, and compared in full besides the requested results."""
+LENGTHS = ((150, 10), (300, 20), (600, 40), (900, 60), (1_200, 80), (2_400, 160))
+"""Lengths of the shortlist, and shapes compared in full besides the requested results."""
 
-DEFAULT_LENGTHS = tuple(Settings.model_fields[name].default for name in ("shortlist_length", "finalists"))
-"""Those of the settings, the only ones that are checked among more than `EXHAUSTIVE` shapes."""
+WIDE = (6_000, 1_000)
+"""The lengths that stand for exhaustive search, which takes minutes, among more than `EXHAUSTIVE` shapes."""
+
+MOST_EXCLUDED = 500
+"""Ids that a query may exclude."""
 
 FILE_VERTICES = 3_000
 """Vertices of the file of a query, about."""
@@ -150,25 +153,19 @@ def searching_rows(
         if SHORTLIST_FROM <= size <= EXHAUSTIVE:
             rows += _measured(url, ids, file, min(queries, LONG), exhaustive=True)
         if size == max(sizes) and size > len(shapes):
-            lengths, most = (LENGTHS, CHECKED) if size <= EXHAUSTIVE else ((DEFAULT_LENGTHS,), LONG)
             for ranking in CHECKED_RANKINGS:
-                cascades += cascade_rows(url, shapes, ids, ranking, min(queries, most), lengths)
+                cascades += cascade_rows(url, shapes, ids, ranking, min(queries, CHECKED))
         path.unlink()
     return rows, cascades
 
 
 def cascade_rows(
-    url: str,
-    source: Sequence[Original],
-    ids: Sequence[str],
-    rank_by: RankBy,
-    queries: int,
-    lengths: Sequence[tuple[int, int]],
+    url: str, source: Sequence[Original], ids: Sequence[str], rank_by: RankBy, queries: int
 ) -> list[dict[str, Any]]:
-    """Measure each choice of stage lengths against exhaustive search, which is the last row.
+    """Measure each choice of stage lengths against exhaustive search, or `WIDE`, which is the last row.
 
     Queries are originals among `ids`; the answers exclude their copies. A length of None is all shapes.
-    `same_first` is the share of queries with the same first result as exhaustive search, `recall_3` and
+    `same_first` is the share of queries with the same first result as the last row, `recall_3` and
     `recall_10` the shares of its first results that are among as many here, `first_of_class` and
     `ten_of_class` the share of first results, and of the first ten, of the query's class.
     """
@@ -176,7 +173,8 @@ def cascade_rows(
     labels = {id: source[number % len(source)][0] for number, id in enumerate(ids)}
     asked = [ids[number * STEP % len(source)] for number in range(min(queries, len(source)))]
     measured: dict[tuple[int, int] | None, tuple[list[list[str]], float]] = {}
-    for length in (*lengths, None):
+    widest = None if size <= EXHAUSTIVE else WIDE
+    for length in (*LENGTHS, widest):
         shortlist, finalists = length or (size, size)
         settings = {"shortlist_from": 1, "shortlist_length": shortlist, "finalists": finalists}
         if length is None:
@@ -185,7 +183,7 @@ def cascade_rows(
             wait_until_idle(service)
             answers, seconds = [], []
             for query in asked:
-                copies = ids[ids.index(query) :: len(source)]
+                copies = ids[ids.index(query) :: len(source)][:MOST_EXCLUDED]
                 before = perf_counter()
                 answer = client.query_shape(
                     query, rank_by=rank_by, exhaustive=length is None, exclude=copies, top_k=10
@@ -193,28 +191,28 @@ def cascade_rows(
                 seconds.append(perf_counter() - before)
                 answers.append([result.shape.id for result in answer.results])
             measured[length] = answers, 1e3 * float(np.median(seconds))
-    exhaustive = measured[None][0]
+    wanted = measured[widest][0]
     rows = []
     for length, (answers, median_ms) in measured.items():
         right = [
             [labels[id] == labels[query] for id in results]
             for query, results in zip(asked, answers, strict=True)
         ]
-        same = [results[0] == best[0] for results, best in zip(answers, exhaustive, strict=True)]
+        same = [results[0] == best[0] for results, best in zip(answers, wanted, strict=True)]
         row: dict[str, Any] = {"ranked_by": rank_by, "shapes": size, "queries": len(asked)}
         row |= zip(("shortlist", "in_full"), length or (None, None), strict=True)
-        row |= {"same_first": fmean(same), "recall_3": _recall(answers, exhaustive, 3)}
-        row |= {"recall_10": _recall(answers, exhaustive, 10)}
+        row |= {"same_first": fmean(same), "recall_3": _recall(answers, wanted, 3)}
+        row |= {"recall_10": _recall(answers, wanted, 10)}
         row |= {"first_of_class": fmean(each[0] for each in right)}
         rows.append(row | {"ten_of_class": fmean(map(fmean, right)), "median_ms": median_ms})
     return rows
 
 
-def _recall(answers: Sequence[list[str]], exhaustive: Sequence[list[str]], count: int) -> float:
-    """Return the mean share of the first `count` results of exhaustive search among as many answered."""
+def _recall(answers: Sequence[list[str]], wanted: Sequence[list[str]], count: int) -> float:
+    """Return the mean share of the first `count` wanted results among as many answered."""
     return fmean(
         len(set(results[:count]) & set(best[:count])) / len(best[:count])
-        for results, best in zip(answers, exhaustive, strict=True)
+        for results, best in zip(answers, wanted, strict=True)
     )
 
 

@@ -41,7 +41,7 @@ SECONDS, WARM_SECONDS = 0.5, 0.05
 """Seconds between looks for new shapes, and for a warm worker."""
 
 FIRST_SECONDS = 1.0
-"""The longest time that the service is not ready while it caches the stored embeddings at its start."""
+"""The longest time that the service is not ready while it caches match records at its start."""
 
 LEAST_SHARE = 4
 """Match records have at least this part (one in four) of the memory for searching."""

@@ -1,4 +1,4 @@
-"""The graph of neighbours: its rows are made one by one, and lend an order to the candidates of a query."""
+"""The graph of neighbours: how its rows are compared, and the order that they lend to candidates."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace

@@ -44,7 +44,7 @@ Rows = TypeVar("Rows", bound=Select[*tuple[Any, ...]])
 MORE = 2
 """Factor by which the HNSW index returns more signatures than requested: it misses mostly the last ones."""
 
-AT_ONCE, MOST_PIECES = 10_000, 50_000
+AT_ONCE, MOST_PIECES = 10_000, 200_000
 """Shapes in one statement, and pieces that a query reads."""
 
 MOST_SEEN = 100_000

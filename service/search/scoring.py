@@ -93,7 +93,7 @@ class Cascade:
     """The stages that score the candidates of one query.
 
     `by_log_odds` says whether log odds rank the answer. Otherwise approximate CC stands for cc, ssd and sim
-    in the stages before the full match.
+    in re-ranking.
     """
 
     container: Container

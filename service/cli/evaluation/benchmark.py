@@ -53,7 +53,7 @@ def benchmark_command(
         typer.Option(
             "--shapes",
             min=1,
-            help="Shapes in the archive that is queried, about 40 kB of disk each; repeatable. "
+            help="Shapes in the archive that is queried, about 42 kB of disk each; repeatable. "
             "[default: 380, 1000, 10000, 100000]",
         ),
     ] = None,

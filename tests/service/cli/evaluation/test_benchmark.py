@@ -7,6 +7,7 @@ import pytest
 
 from service.cli.evaluation import benchmark
 from service.evaluation import benchmark_service
+from service.evaluation.benchmark_service import WIDE
 
 pytestmark = pytest.mark.studies
 
@@ -26,7 +27,7 @@ def small(monkeypatch):
         monkeypatch.setattr(benchmark, name, partial(getattr(benchmark, name), **options))
     monkeypatch.setattr(benchmark_service, "EXHAUSTIVE", 10)
     monkeypatch.setattr(benchmark_service, "SHORTLIST_FROM", 10)
-    monkeypatch.setattr(benchmark_service, "DEFAULT_LENGTHS", (6, 1))
+    monkeypatch.setattr(benchmark_service, "LENGTHS", ((6, 1),))
 
 
 def test_the_method_as_tables(run, collection):
@@ -78,7 +79,7 @@ def test_queries_of_archives_made_of_the_collection(run, collection):
         assert row["processor_ms"] > 0.0
     cascades = tables["cascade"]
     assert [row["ranked_by"] for row in cascades] == ["cc", "cc", "combined", "combined"]
-    for limited, everything in (cascades[:2], cascades[2:]):
+    for limited, wide in (cascades[:2], cascades[2:]):
         assert (limited["shortlist"], limited["in_full"]) == (6, 1)
-        assert everything["shortlist"] is everything["in_full"] is None
-        assert everything["same_first"] == everything["recall_3"] == everything["recall_10"] == 1.0
+        assert (wide["shortlist"], wide["in_full"]) == WIDE
+        assert wide["same_first"] == wide["recall_3"] == wide["recall_10"] == 1.0
